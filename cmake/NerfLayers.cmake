@@ -1,0 +1,70 @@
+# A layer is src/<layer>/*.cc as an object library; the installed library is all of them together.
+set(NERF_LAYERS "" CACHE INTERNAL "")
+set(NERF_LINK "" CACHE INTERNAL "")
+
+add_library(nerf_flags INTERFACE)
+target_compile_features(nerf_flags INTERFACE cxx_std_20)
+# No contraction and no fast-math: the same source gives the same bits at any optimisation level.
+target_compile_options(nerf_flags INTERFACE -Wall -Wextra -Werror -fno-math-errno -ffp-contract=off)
+target_include_directories(nerf_flags INTERFACE ${PROJECT_SOURCE_DIR}/include
+                                                ${PROJECT_BINARY_DIR}/generated)
+
+function(nerf_add_layer layer)
+  cmake_parse_arguments(ARG "" "" "LINK" ${ARGN})
+  file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/*.cc)
+  set(NERF_LINK ${NERF_LINK} ${ARG_LINK} CACHE INTERNAL "")
+  if(NOT sources)
+    return()
+  endif()
+  add_library(nerf_${layer} OBJECT ${sources})
+  target_link_libraries(nerf_${layer} PRIVATE nerf_flags ${ARG_LINK})
+  target_include_directories(nerf_${layer} PRIVATE ${PROJECT_SOURCE_DIR}/src)
+  set(NERF_LAYERS ${NERF_LAYERS} ${layer} CACHE INTERNAL "")
+endfunction()
+
+# Kernel sources, and only they, are compiled for the processor family's wider instructions; Highway
+# then adds the targets above that baseline and dispatches at run time.
+function(nerf_add_kernels_layer layer)
+  nerf_add_layer(${layer} LINK HWY::hwy)
+  if(TARGET nerf_${layer} AND CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+    file(GLOB simd CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/*_simd.cc)
+    set_source_files_properties(${simd} PROPERTIES COMPILE_OPTIONS
+                                "-march=x86-64-v3;-DHWY_DISABLE_PCLMUL_AES")
+  endif()
+endfunction()
+
+function(nerf_add_library)
+  add_library(nerf STATIC)
+  add_library(nerf::nerf ALIAS nerf)
+  foreach(layer ${NERF_LAYERS})
+    target_sources(nerf PRIVATE $<TARGET_OBJECTS:nerf_${layer}>)
+  endforeach()
+  list(REMOVE_DUPLICATES NERF_LINK)
+  target_compile_features(nerf PUBLIC cxx_std_20)
+  target_include_directories(nerf PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
+                                         $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  target_link_libraries(nerf PRIVATE ${NERF_LINK})
+  set_target_properties(nerf PROPERTIES LINKER_LANGUAGE CXX)
+endfunction()
+
+# Tests of a layer: tests/<layer>/*_test.cc as one program that links this layer and those below it,
+# so that a layer can be built and tested while one above it is in pieces.
+function(nerf_add_layer_tests layer)
+  file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${layer}/*_test.cc)
+  if(NOT sources)
+    return()
+  endif()
+  add_executable(test_${layer} ${sources})
+  target_link_libraries(test_${layer} PRIVATE nerf_flags GTest::gtest_main ${NERF_LINK})
+  target_include_directories(test_${layer} PRIVATE ${PROJECT_SOURCE_DIR}/tests
+                                                   ${PROJECT_SOURCE_DIR}/src)
+  target_compile_definitions(test_${layer} PRIVATE NERF_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  foreach(below ${NERF_LAYERS})
+    target_link_libraries(test_${layer} PRIVATE nerf_${below})
+    if(below STREQUAL layer)
+      break()
+    endif()
+  endforeach()
+  gtest_discover_tests(test_${layer} TEST_PREFIX "${layer}." DISCOVERY_TIMEOUT 60
+                       PROPERTIES TIMEOUT 300)
+endfunction()

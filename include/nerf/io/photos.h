@@ -1,0 +1,42 @@
+// Decoded photos, kept as stored (8-bit sRGB, or half for 16-bit and EXR files).
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "nerf/base/threads.h"
+#include "nerf/io/scene.h"
+
+namespace nerf {
+
+// One photo after downscaling: pixels row by row, channels interleaved.
+struct Photo {
+  int width = 0, height = 0;
+  int channels = 3;                 // 3, or 4 with alpha (straight, not premultiplied)
+  std::vector<uint8_t> pixels8;     // 8-bit sources
+  std::vector<uint16_t> pixels16;   // half floats (bits); exactly one of the two is filled
+  std::vector<uint8_t> mask;        // empty, or width*height: 0 = masked out, 255 = keep
+
+  // Straight colour and alpha of pixel (x, y) in [0, 1] (EXR may exceed 1); alpha 1 where absent.
+  void pixel(int x, int y, float rgba[4]) const;
+  bool masked_out(int x, int y) const {
+    return !mask.empty() && mask[static_cast<size_t>(y) * width + x] == 0;
+  }
+};
+
+struct PhotoSet {
+  std::vector<Photo> photos;        // parallel to Scene::views
+  std::vector<Camera> cameras;      // parallel to Scene::views, scaled to the photo's size
+  double fraction_masked = 0;       // of all pixels
+  double decode_seconds = 0;
+};
+
+// Decodes every view's photo (and mask) in parallel, downscales by area average (masks: nearest).
+// Throws Error for truncated or corrupt files, photos transposed against their camera and sizes
+// whose ratio disagrees with the camera. `progress` is called from one thread at a time.
+PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
+                     const std::function<void(int done, int total)>& progress = {});
+
+}  // namespace nerf

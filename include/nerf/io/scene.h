@@ -1,0 +1,95 @@
+// A capture as the trainer sees it: cameras, views, sparse points, splits and the frame that the
+// engine works in. Reading it decodes no photo.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "nerf/math/camera.h"
+#include "nerf/math/vec.h"
+
+namespace nerf {
+
+struct View {
+  std::string name;                  // path below the image folder, as the model names it
+  std::filesystem::path image_path;  // file on disk
+  std::filesystem::path mask_path;   // empty where there is none
+  int camera = 0;                    // index into Scene::cameras
+  Pose pose;                         // camera-to-world, input coordinates, OpenCV axes
+  double time = 0;                   // [0, 1]; 0 where the capture has no time
+};
+
+struct ScenePoint {
+  Vec3d position;  // input coordinates
+  double error = 0;     // mean reprojection error, pixels
+  int views = 0;        // number of images that see it
+};
+
+enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kPhotos, kVideo };
+enum class Split {
+  kTest,  // held-out = indices 0, 8, 16, ... of the views sorted bytewise by name, or the test file
+  kDev,   // test views removed; of the training views every 8th is held out instead, for tuning
+  kNone,  // everything trains, nothing is held out
+};
+
+struct SceneOptions {
+  SceneFormat format = SceneFormat::kAuto;
+  Split split = Split::kTest;
+  int downscale = 1;                        // photos divided by this, area average
+  std::optional<Box3> bbox;                 // input coordinates; what to reconstruct
+  std::optional<Vec3d> up;                  // input coordinates; overrides the estimate
+  std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
+  std::filesystem::path work_folder;        // where photos and video put frames and the model
+};
+
+// What a person wants to know before training starts.
+struct SceneReport {
+  std::string format;                 // e.g. "COLMAP binary, with rigs and frames"
+  int images_total = 0;               // listed by the model
+  int images_registered = 0;
+  int images_missing = 0;             // registered, no file
+  std::vector<std::string> missing_names;  // the first few
+  std::vector<std::string> camera_models;  // e.g. "OPENCV 1080x1920"
+  double mean_reprojection_error = 0; // pixels; 0 where unknown
+  int points = 0;
+  Vec3d up;                           // input coordinates, unit
+  Box3 extent;                        // of cameras and central points, input coordinates
+  double near = 0, far = 0;           // input units
+  double fraction_masked = 0;         // known after photos are decoded
+  int masks = 0;
+  std::string mask_convention;
+  uint64_t memory_estimate_bytes = 0; // of photos, model and trainer
+  uint64_t memory_limit_bytes = 0;    // of this process
+  std::vector<std::string> ignored;   // inputs that were found and not used
+  std::vector<std::string> warnings;
+};
+
+struct Scene {
+  std::filesystem::path root;
+  std::vector<Camera> cameras;        // of the full-size photos, before --downscale
+  std::vector<View> views;            // registered views whose image exists, sorted bytewise by name
+  std::vector<ScenePoint> points;
+  std::vector<int> train, test;       // indices into views
+  SceneOptions options;
+  bool alpha = false;                 // photos carry alpha (Blender): composite on a background
+
+  // Input coordinates to engine coordinates: +z up, centred on what the cameras look at. A bounded
+  // scene fits [-1, 1]^3; of an unbounded one the region between the cameras does.
+  Similarity to_engine;
+  bool unbounded = false;
+  double near = 0;                    // engine units; no sample closer to a camera than this
+  double far = 0;                     // engine units; distance of the farthest content
+  SceneReport report;
+};
+
+// Detects the format (in the order of SceneFormat), reads, checks and normalises. Runs colmap or
+// ffmpeg for photos and videos. Throws Error.
+Scene load_scene(const std::filesystem::path& path, const SceneOptions& options = {});
+
+// The report as lines for a person.
+std::string format_report(const SceneReport& report);
+
+}  // namespace nerf

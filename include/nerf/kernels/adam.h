@@ -1,0 +1,30 @@
+// Adam (Kingma and Ba 2015, algorithm 1), dense and for sparsely touched rows.
+#pragma once
+
+#include <cstdint>
+
+namespace nerf {
+
+struct AdamStep {
+  float rate = 1e-2f;
+  float beta1 = 0.9f, beta2 = 0.99f;
+  float epsilon = 1e-15f;
+  float l2 = 0;  // added to the gradient as l2 * weight
+};
+
+// One step over n parameters; `step` counts from 1. n is a multiple of kLane (linear.h).
+void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,
+                float* v, float* weights);
+
+// One step over the rows (4 floats each) whose touched flag is set, each with its own step counter
+// (saturating at 65535, where the bias correction has long been 1). Clears flag and gradient of
+// every touched row. `correction` holds bias_corrections(...). rows is a multiple of 8.
+void adam_rows(const AdamStep& options, int64_t rows, uint8_t* touched, float* gradient, float* m,
+               float* v, uint16_t* steps, float* weights, const float* correction);
+
+// For a step t in [0, kBiasCorrections): correction[2 t] = 1 / (1 - beta1^t) and
+// correction[2 t + 1] = 1 / sqrt(1 - beta2^t); later steps use the last entry.
+inline constexpr int kBiasCorrections = 4096;
+void bias_corrections(const AdamStep& options, float* correction);
+
+}  // namespace nerf

@@ -1,0 +1,45 @@
+// Multiresolution hash grid (Mueller et al. 2022, section 3; level scale and stagger as in
+// tiny-cuda-nn's grid.h): trilinear interpolation of feature rows at L resolutions.
+//
+// Level l has cells of width 1 / scale(l), scale(l) = base * growth^l - 1, and is sampled at
+// x * scale + 0.5. A level whose (resolution + 1)^3 vertices fit into the table is indexed densely,
+// a finer one by the hash x ^ y * 2654435761 ^ z * 805459861 modulo the table size (a power of two).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace nerf {
+
+inline constexpr int kGridFeatures = 4;  // per entry
+
+struct HashGridLevel {
+  float scale = 0;        // cells per unit
+  uint32_t resolution = 0;  // vertices per axis
+  uint32_t entries = 0;   // rows of this level's table
+  uint64_t offset = 0;    // first row of this level in the whole table
+  bool dense = false;
+};
+
+struct HashGridShape {
+  std::vector<HashGridLevel> levels;
+  uint64_t rows = 0;  // of all levels
+
+  int features() const { return static_cast<int>(levels.size()) * kGridFeatures; }
+};
+
+HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
+                              double finest_resolution);
+
+// features[f][s] for the kGridFeatures rows of one level. x, y, z: n positions in [0, 1] (clamped);
+// table: the level's rows. n is rounded up to kLane (linear.h).
+void hash_grid_forward(const HashGridLevel& level, const float* table, const float* x,
+                       const float* y, const float* z, int64_t n, float* features, int64_t ld);
+
+// gradient[row] += sum over samples; touched[row] = 1 for each row that received one. Samples whose
+// gradient is exactly 0 are skipped. One caller at a time per level; order is that of the samples.
+void hash_grid_backward(const HashGridLevel& level, const float* x, const float* y, const float* z,
+                        int64_t n, const float* d_features, int64_t ld, float* gradient,
+                        uint8_t* touched);
+
+}  // namespace nerf

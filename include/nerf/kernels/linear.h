@@ -1,0 +1,40 @@
+// Fully connected layers over a chunk of samples, forward and backward.
+//
+// A value is a matrix [rows x samples], row-major with `ld` floats between rows; ld is a multiple of
+// kLane and rows start 64-byte aligned. Kernels run over n samples rounded up to kLane: what stands
+// in the padding must be finite, and gradients there must be 0.
+// A weight matrix is [out x in], row-major with stride weight_stride(in); the padding columns are 0
+// and stay 0 through the optimiser, since their gradient is 0.
+#pragma once
+
+#include <cstdint>
+
+namespace nerf {
+
+inline constexpr int kLane = 16;
+inline int64_t round_up(int64_t n, int64_t unit) { return (n + unit - 1) / unit * unit; }
+inline int weight_stride(int in) { return static_cast<int>(round_up(in, kLane)); }
+
+enum class LinearActivation { kNone, kRelu };
+
+// y[j][s] = act(bias[j] + sum_k w[j][k] x[k][s]); bias may be null.
+void linear_forward(int in, int out, const float* w, const float* bias, const float* x, float* y,
+                    int64_t ld, int64_t n, LinearActivation activation);
+
+// dx[k][s] = sum_j w[j][k] dy[j][s], where dy is the gradient before the activation. With
+// `relu_output` (the layer's input, itself the output of a ReLU) the result is set to 0 where that
+// is 0, which makes it the gradient before that activation.
+void linear_backward_input(int in, int out, const float* w, const float* dy, float* dx, int64_t ld,
+                           int64_t n, const float* relu_output);
+
+// xt[s][k] = x[k][s] for s in [0, n rounded up), stride weight_stride(in); padding columns are 0.
+void transpose_to_samples(int in, const float* x, int64_t ld, int64_t n, float* xt);
+
+// dw[j][k] += sum_s dy[j][s] x[k][s], x given transposed. dbias[j] += sum_s dy[j][s] unless null.
+void linear_backward_weights(int in, int out, const float* dy, const float* xt, int64_t ld,
+                             int64_t n, float* dw, float* dbias);
+
+// dy[r][s] = 0 where y[r][s] == 0 (y the output of a ReLU), in place.
+void relu_backward(int rows, const float* y, float* dy, int64_t ld, int64_t n);
+
+}  // namespace nerf

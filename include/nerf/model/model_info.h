@@ -1,0 +1,29 @@
+// What a trained model knows of the capture that it came from: its frame, unit and cameras.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "nerf/math/camera.h"
+#include "nerf/math/vec.h"
+
+namespace nerf {
+
+struct ModelView {
+  std::string name;      // as Scene::View::name
+  Camera camera;         // at the size of the photos trained on
+  Pose pose;             // camera-to-world, input coordinates, OpenCV axes
+  bool held_out = false;
+  double time = 0;
+};
+
+struct ModelInfo {
+  std::string method = "grid";
+  std::vector<ModelView> views;  // sorted by name
+  Similarity to_engine;          // input coordinates to engine coordinates (+z up)
+  bool unbounded = false;
+  bool alpha = false;            // trained on photos with alpha: a background can be chosen
+  double near = 0, far = 0;      // engine units
+};
+
+}  // namespace nerf

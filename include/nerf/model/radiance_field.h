@@ -1,0 +1,39 @@
+// A trained radiance field as a program uses it: load, ask, render (renderer.h), save.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <span>
+
+#include "nerf/base/threads.h"
+#include "nerf/math/vec.h"
+#include "nerf/model/model_info.h"
+
+namespace nerf {
+
+struct GridField;  // weights and occupancy, model/grid_field.h
+
+class RadianceField {
+ public:
+  RadianceField(ModelInfo info, std::shared_ptr<const GridField> grid);
+
+  // Model file (docs/model_file.md). load throws Error for a file that is truncated, damaged or of
+  // another version; save writes atomically.
+  static RadianceField load(const std::filesystem::path& path);
+  void save(const std::filesystem::path& path) const;
+
+  const ModelInfo& info() const { return info_; }
+  const GridField& grid() const { return *grid_; }
+
+  // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both in
+  // input coordinates. Spans of equal length n, rgb of 3n. Points outside the trained region have
+  // density 0.
+  void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
+             std::span<float> density, std::span<float> rgb, ThreadPool& pool) const;
+
+ private:
+  ModelInfo info_;
+  std::shared_ptr<const GridField> grid_;
+};
+
+}  // namespace nerf
