@@ -76,8 +76,8 @@ def stone(g, light=(0.62, 0.57, 0.48), dark=(0.26, 0.22, 0.18), scale=1.0):
     """Weathered limestone: stains, grains and pits."""
     p = g.coordinates()
     stains = g.ramp(g.noise(p, 2.2 * scale, 5, 0.65, 0.6), [(0.3, dark), (0.62, light)])
-    grains = g.ramp(g.noise(p, 38 * scale, 2, 0.7), [(0.35, (0.45, 0.43, 0.4)), (0.65, (1, 1, 1))])
-    pits = g.ramp(g.voronoi(p, 14 * scale), [(0.08, (0.35, 0.33, 0.3)), (0.22, (1, 1, 1))])
+    grains = g.ramp(g.noise(p, 38 * scale, 2, 0.7), [(0.35, (0.68, 0.66, 0.63)), (0.65, (1, 1, 1))])
+    pits = g.ramp(g.voronoi(p, 14 * scale), [(0.06, (0.4, 0.38, 0.35)), (0.24, (1, 1, 1))])
     colour = g.mix(0.8, g.mix(0.75, stains, grains, "MULTIPLY"), pits, "MULTIPLY")
     g.surface(colour=colour, roughness=0.85, normal=g.bump(g.noise(p, 18 * scale, 3, 0.7), 0.45))
 
@@ -94,7 +94,7 @@ def paving(g):
     for node in g.tree.nodes:  # the joints must follow the same cells
         if node.type == "TEX_VORONOI":
             node.inputs["Randomness"].default_value = 0.75
-    grains = g.ramp(g.noise(p, 30, 3, 0.75), [(0.3, (0.45, 0.45, 0.45)), (0.7, (1.15, 1.1, 1.05))])
+    grains = g.ramp(g.noise(p, 30, 3, 0.75), [(0.3, (0.65, 0.65, 0.65)), (0.7, (1.12, 1.1, 1.05))])
     stains = g.ramp(g.noise(p, 0.9, 5, 0.6, 0.5), [(0.35, (0.6, 0.56, 0.5)), (0.65, (1, 1, 1))])
     colour = g.mix(1.0, g.mix(1.0, g.mix(1.0, tone, joints, "MULTIPLY"), grains, "MULTIPLY"),
                    stains, "MULTIPLY")
@@ -113,7 +113,7 @@ def land(g):
     far = g.ramp(g.noise(p, 0.06, 5, 0.7), [(0.38, (0.11, 0.13, 0.04)), (0.5, (0.24, 0.22, 0.08)),
                                             (0.62, (0.36, 0.29, 0.16))])
     mid = g.ramp(g.noise(p, 1.3, 5, 0.75), [(0.35, (0.45, 0.5, 0.35)), (0.65, (1.25, 1.15, 1))])
-    near = g.ramp(g.noise(p, 24, 2, 0.8), [(0.35, (0.4, 0.42, 0.35)), (0.65, (1.3, 1.25, 1.1))])
+    near = g.ramp(g.noise(p, 24, 2, 0.8), [(0.35, (0.6, 0.62, 0.55)), (0.65, (1.25, 1.2, 1.1))])
     grass = g.mix(1.0, g.mix(1.0, far, mid, "MULTIPLY"), near, "MULTIPLY")
     rock = g.ramp(g.noise(p, 0.25, 5, 0.75), [(0.35, (0.16, 0.14, 0.13)),
                                                     (0.65, (0.46, 0.41, 0.36))])
@@ -129,14 +129,14 @@ def leaves(g, dark=(0.012, 0.035, 0.012), light=(0.10, 0.19, 0.045)):
     g.surface(colour=tuft, roughness=0.7, specular=0.2, normal=g.bump(g.noise(p, 11, 2), 1.0, 0.1))
 
 
-def metal(g, colour=(0.93, 0.52, 0.27), roughness=0.12):
+def metal(g, colour=(0.93, 0.52, 0.27), roughness=0.2):
     """Polished, lightly hammered metal with a little tarnish."""
     p = g.coordinates()
-    dents = g.voronoi(p, 9, "F1")
+    dents = g.voronoi(p, 7, "F1")
     tarnish = g.noise(p, 5, 4, 0.7, 0.5)
     tone = g.ramp(tarnish, [(0.4, tuple(0.55 * c for c in colour)), (0.6, colour)])
     rough = g.math("ADD", g.math("MULTIPLY", tarnish, 0.12), roughness - 0.05)
-    g.surface(colour=tone, metallic=1.0, roughness=rough, normal=g.bump(dents, 0.18, 0.02))
+    g.surface(colour=tone, metallic=1.0, roughness=rough, normal=g.bump(dents, 0.35, 0.03))
 
 
 def glaze(g):
@@ -187,6 +187,13 @@ def sky(world, sun_elevation, sun_rotation):
         "Y": g.math("DIVIDE", split.outputs["Y"], height), "Z": 3.7}).outputs["Vector"]
     cover = g.ramp(g.noise(plane, 0.8, 5, 0.6), [(0.47, (0, 0, 0)), (0.68, (0.9, 0.9, 0.9))])
     shade = g.ramp(cover, [(0.2, (8.5, 8.4, 8.2)), (0.9, (5.4, 5.6, 6.0))])
-    background = g.add("ShaderNodeBackground", {"Color": g.mix(cover, blue, shade),
-                                                "Strength": 0.11})
-    g.add("ShaderNodeOutputWorld", {"Surface": background.outputs["Background"]})
+    clouded = g.add("ShaderNodeBackground", {"Color": g.mix(cover, blue, shade), "Strength": 0.11})
+    # What lights the scene is the sky without cloud detail: the same within a few per cent, and the
+    # noise texture is not evaluated for every shadow ray.
+    plain = g.add("ShaderNodeBackground", {"Color": g.mix(0.25, blue, (6.5, 6.6, 6.8)),
+                                           "Strength": 0.11})
+    path = g.add("ShaderNodeLightPath").outputs
+    seen = g.math("MAXIMUM", path["Is Camera Ray"], path["Is Glossy Ray"])
+    mixed = g.add("ShaderNodeMixShader", {0: seen, 1: plain.outputs["Background"],
+                                          2: clouded.outputs["Background"]})
+    g.add("ShaderNodeOutputWorld", {"Surface": mixed.outputs["Shader"]})

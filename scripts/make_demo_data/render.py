@@ -93,10 +93,13 @@ def settings(samples, png):
     s.cycles.device = "CPU"
     s.cycles.samples = samples
     s.cycles.use_adaptive_sampling = True
-    s.cycles.adaptive_threshold = 0.015
+    s.cycles.adaptive_threshold = 0.035
     s.cycles.use_denoising = False
     s.cycles.max_bounces = 5
     s.cycles.diffuse_bounces, s.cycles.glossy_bounces = 2, 3
+    s.cycles.use_fast_gi, s.cycles.fast_gi_method = True, "REPLACE"
+    s.cycles.ao_bounces_render = 1
+    s.world.light_settings.distance = 6.0
     s.cycles.sample_clamp_indirect = 4.0
     s.cycles.caustics_reflective = s.cycles.caustics_refractive = False
     s.cycles.blur_glossy = 0.3
@@ -104,7 +107,7 @@ def settings(samples, png):
     s.render.resolution_x, s.render.resolution_y, s.render.resolution_percentage = WIDTH, HEIGHT, 100
     s.view_settings.view_transform = "Filmic"
     s.view_settings.look = "Medium High Contrast"
-    s.view_settings.exposure = 0.3
+    s.view_settings.exposure = 0.2
     s.render.image_settings.file_format = "PNG" if png else "JPEG"
     s.render.image_settings.color_mode = "RGB"
     s.render.image_settings.quality = 90
@@ -114,7 +117,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("out")
     parser.add_argument("--only", default="")
-    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("--samples", type=int, default=40)
     parser.add_argument("--png", action="store_true")
     args = parser.parse_args(sys.argv[sys.argv.index("--") + 1:])
     os.makedirs(args.out, exist_ok=True)

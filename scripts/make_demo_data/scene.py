@@ -88,7 +88,7 @@ def plinth_and_still_life():
              (0.70, 0.42), (0.68, 0.62), (0.72, 0.66), (0.82, 0.69), (0.86, 0.72), (0.86, 0.78)]
     place("plinth", lathe("plinth", steps, limestone, 128))
 
-    bpy.ops.mesh.primitive_monkey_add(size=0.74, location=(0.02, 0.02, 1.26),
+    bpy.ops.mesh.primitive_monkey_add(size=0.66, location=(0.02, 0.02, 1.23),
                                       rotation=(math.radians(-6), 0, math.radians(25)))
     head = bpy.context.object
     head.modifiers.new("smooth", "SUBSURF").render_levels = 3

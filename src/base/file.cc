@@ -207,7 +207,7 @@ fs::path resolve_target(const fs::path& path) {
   std::error_code failed;
   const fs::path target = fs::is_symlink(path, failed) ? fs::weakly_canonical(path, failed) : path;
   if (failed) return path;
-  const fs::file_status status = fs::status(target, failed);
+  const fs::file_status status = fs::status(target, failed);  // what fails here fails below too
   if (fs::is_directory(status)) throw errno_error(EISDIR, "cannot write", path);
   if (fs::exists(status) && !fs::is_regular_file(status)) {
     throw Error("cannot write: not a regular file", path.string(), "choose another name");
@@ -293,8 +293,9 @@ void make_writable_folder(const fs::path& folder) {
   if (folder.empty()) throw Error("the name of a folder is empty");
   std::error_code failed;
   fs::create_directories(folder, failed);
-  if (!fs::is_directory(folder)) {
-    if (!failed || fs::exists(folder)) {
+  std::error_code unknown;
+  if (!fs::is_directory(folder, unknown)) {
+    if (!failed || fs::exists(folder, unknown)) {
       throw Error("is a file where a folder is wanted", folder.string(),
                   "remove it or choose another name");
     }

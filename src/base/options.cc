@@ -168,6 +168,11 @@ void set_option(const OptionField& field, const std::optional<OptionValue>& valu
     if (!field.choices.empty() &&
         std::find(field.choices.begin(), field.choices.end(), *text) == field.choices.end())
       refuse(field, *text, where);
+  if (field.problem) {
+    const std::string problem = field.problem(*fitting);
+    if (!problem.empty())
+      throw Error(quoted(value_text(*fitting)) + " is not allowed", where, problem);
+  }
   field.set(fitting);
 }
 

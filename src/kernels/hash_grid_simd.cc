@@ -5,6 +5,7 @@
 #define HWY_TARGET_INCLUDE "kernels/hash_grid_simd.cc"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <hwy/cache_control.h>
 
 HWY_BEFORE_NAMESPACE();
 namespace nerf {

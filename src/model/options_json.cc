@@ -5,6 +5,7 @@
 #include <set>
 
 #include "nerf/base/nearest_name.h"
+#include "nerf/base/text.h"
 
 namespace nerf {
 namespace {
@@ -14,14 +15,6 @@ using Json = nlohmann::ordered_json;
 Json to_json(const std::optional<OptionValue>& value) {
   if (!value) return nullptr;
   return std::visit([](const auto& x) { return Json(x); }, *value);
-}
-
-std::string line_and_column(const std::string& text, size_t byte) {
-  byte = std::min(byte, text.size());
-  const auto line = std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(byte), '\n');
-  const size_t start = byte == 0 ? std::string::npos : text.rfind('\n', byte - 1);
-  const size_t column = start == std::string::npos ? byte + 1 : byte - start;
-  return std::to_string(line + 1) + ":" + std::to_string(column);
 }
 
 // Parses, and refuses a key that stands twice in one object (the library would keep the last one
@@ -47,6 +40,8 @@ Json parse(const std::string& text, const std::string& where) {
     const size_t byte = error.byte > 0 ? error.byte - 1 : 0;
     throw Error("not valid JSON", where + ":" + line_and_column(text, byte),
                 "correct the text at this line and column");
+  } catch (const Json::out_of_range&) {
+    throw Error("holds a number that is out of range", where);
   }
 }
 
@@ -87,8 +82,7 @@ class Reader {
       const std::string name = prefix + key;
       const std::string place = where_ + ": " + name;
       if (is_group(name)) {
-        if (!value.is_object())
-          throw Error("expected an object, found " + type_name(value), place);
+        if (!value.is_object()) throw Error("expected an object, found " + type_name(value), place);
         read(value, name + ".");
       } else {
         const OptionField& field = find(name, prefix, place);

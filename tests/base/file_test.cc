@@ -132,8 +132,7 @@ TEST_F(FileTest, FullDiskHintNamesTheRemedy) {
 
 TEST_F(FileTest, UnwritableFolderIsAnError) {
   write_file_atomically(folder_ / "model", "old");
-  fs::permissions(folder_, fs::perms::owner_read | fs::perms::owner_exec |
-                               fs::perms::others_read | fs::perms::others_exec);
+  fs::permissions(folder_, fs::perms{0555});
   EXPECT_TRUE(in_child([&] {
     // Root ignores permissions: become somebody else.
     if (::geteuid() == 0 && ::setuid(65534) != 0) return false;

@@ -90,8 +90,7 @@ TEST(OptionsJson, NamedFieldsChangeOthersStay) {
 }
 
 TEST(OptionsJson, UnknownKeyNamesTheNearest) {
-  EXPECT_EQ(error_of(R"({"setps": 4})"),
-            "run.json: setps: unknown option (did you mean steps?)");
+  EXPECT_EQ(error_of(R"({"setps": 4})"), "run.json: setps: unknown option (did you mean steps?)");
   EXPECT_EQ(error_of(R"({"inner": {"mod": "one"}})"),
             "run.json: inner.mod: unknown option (did you mean mode?)");
   EXPECT_EQ(error_of(R"({"iner": {"mode": "one"}})"),
@@ -124,6 +123,7 @@ TEST(OptionsJson, BrokenTextNamesLineAndColumn) {
   EXPECT_EQ(error_of("[1]"), "run.json: expected an object of options, found an array");
   EXPECT_EQ(error_of(R"({"steps": 4, "steps": 5})"),
             "run.json: key \"steps\" is given twice (remove one of the two)");
+  EXPECT_EQ(error_of(R"({"rate": 1e999})"), "run.json: holds a number that is out of range");
   const std::string whole = options_to_json(Options{});
   for (size_t n = 0; n + 2 < whole.size(); ++n)
     EXPECT_NE(error_of(whole.substr(0, n)), "no error") << n;

@@ -13,9 +13,9 @@ namespace nerf {
 // as equal.
 int edit_distance(std::string_view a, std::string_view b);
 
-// The candidate with the smallest edit distance to `word` (the first of equals), if that distance is
-// small enough for a typing mistake: at most 2, or a third of the word's length where that is more.
-// A candidate that starts with `word` also counts. Empty where nothing is near.
+// The candidate with the smallest edit distance to `word` (the first of equals), if that distance
+// is small enough for a typing mistake: at most 2, or a third of the word's length where that is
+// more. A candidate that starts with `word` also counts. Empty where nothing is near.
 std::optional<std::string> nearest_name(std::string_view word,
                                         std::span<const std::string> candidates);
 

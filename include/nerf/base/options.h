@@ -24,7 +24,8 @@
 // fields "march.steps", ..., an object "march" in JSON and --march-steps on the command line;
 // march.visit_options(v) instead takes its fields in without a prefix. Field types: bool, integers,
 // float, double, std::string, std::filesystem::path, enums with option_names, types with an
-// OptionTraits of their own (math/option_types.h has vectors and boxes), and std::optional of these.
+// OptionTraits of their own (math/option_types.h has vectors and boxes), and std::optional of
+// these.
 #pragma once
 
 #include <array>
@@ -45,8 +46,7 @@
 namespace nerf {
 
 // What every field's value is turned into and set from.
-using OptionValue =
-    std::variant<bool, int64_t, uint64_t, double, std::string, std::vector<double>>;
+using OptionValue = std::variant<bool, int64_t, uint64_t, double, std::string, std::vector<double>>;
 
 enum class OptionType { kBool, kInt, kUint, kNumber, kText, kNumbers };  // alternatives in order
 
@@ -55,12 +55,14 @@ struct OptionField {
   std::string name;  // groups joined by '.'
   std::string help;
   OptionType type = OptionType::kBool;
-  bool optional = false;             // may have no value
+  bool optional = false;                                  // may have no value
   double min = -std::numeric_limits<double>::infinity();  // numbers: inclusive unless open below
   double max = std::numeric_limits<double>::infinity();
   bool min_open = false, max_open = false;
   int count = 0;                     // kNumbers: how many
   std::vector<std::string> choices;  // kText: nothing else is allowed, where not empty
+  // What else must hold of a value, after type, limits and choices: empty text, or what is wrong.
+  std::function<std::string(const OptionValue&)> problem;
 
   // For the command line only.
   char short_name = 0;      // 'o' for -o
@@ -68,7 +70,7 @@ struct OptionField {
   bool positional = false;  // also given without its name
   bool required = false;    // must be given
 
-  std::function<std::optional<OptionValue>()> get;  // no value: an empty optional
+  std::function<std::optional<OptionValue>()> get;             // no value: an empty optional
   std::function<void(const std::optional<OptionValue>&)> set;  // unchecked; use set_option
 };
 
@@ -95,6 +97,9 @@ inline auto below(double high) {
 }
 inline auto one_of(std::vector<std::string> choices) {
   return [choices = std::move(choices)](OptionField& f) { f.choices = choices; };
+}
+inline auto check_value(std::function<std::string(const OptionValue&)> problem) {
+  return [problem = std::move(problem)](OptionField& f) { f.problem = problem; };
 }
 inline auto short_name(char letter) {
   return [letter](OptionField& f) { f.short_name = letter; };
@@ -181,9 +186,7 @@ struct OptionTraits<std::filesystem::path> {
   static constexpr OptionType kType = OptionType::kText;
   static void describe(OptionField& f) { f.placeholder = "PATH"; }
   static OptionValue to_value(const std::filesystem::path& x) { return x.string(); }
-  static std::filesystem::path from_value(const OptionValue& v) {
-    return std::get<std::string>(v);
-  }
+  static std::filesystem::path from_value(const OptionValue& v) { return std::get<std::string>(v); }
 };
 
 template <class E>
@@ -269,9 +272,9 @@ std::vector<OptionField> option_fields(T& options) {
   return fields;
 }
 
-// Sets a field after checking it. Throws Error(what is wrong, where, what is allowed) for a value of
-// another type, outside the limits, not finite or not among the choices; the field is then as before.
-// Integers are taken for numbers, and numbers without a fraction for integers.
+// Sets a field after checking it. Throws Error(what is wrong, where, what is allowed) for a value
+// of another type, outside the limits, not finite or not among the choices; the field is then as
+// before. Integers are taken for numbers, and numbers without a fraction for integers.
 void set_option(const OptionField& field, const std::optional<OptionValue>& value,
                 const std::string& where);
 

@@ -1,4 +1,5 @@
-// Images in memory and on disk (through OpenImageIO).
+// Images in memory and on disk (through OpenImageIO). Pixels are taken as stored: EXIF orientation is
+// never applied, colour is not converted, alpha stays straight (not premultiplied).
 #pragma once
 
 #include <cstdint>
@@ -27,17 +28,30 @@ struct Image8 {
 };
 
 struct ImageInfo {
+  // Channels that are used: 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
   int width = 0, height = 0, channels = 0;
   bool half_or_16bit = false;  // anything that 8 bits would cut
 };
 
-// Reads only the header. Throws Error.
+// Reads only the header. Throws Error: missing, not an image, sizes that no photo has.
 ImageInfo read_image_info(const std::filesystem::path& path);
 
-// Round to nearest, values clamped to [0, 1].
+// Reads an image with the channels of its ImageInfo. 8-bit: deeper files are rounded, values
+// clamped to [0, 1]. Float: integers are scaled to [0, 1]. Throws Error: missing, not an image,
+// truncated or corrupt, a size that no photo has or that the file's length cannot hold.
+Image8 read_image_8bit(const std::filesystem::path& path);
+ImageF read_image_float(const std::filesystem::path& path);
+
+// Whether a JPEG or PNG ends where its format says it must (other formats are not looked at):
+// OpenImageIO can return half of a photo without an error. Throws Error for a truncated file.
+// Decodes nothing, so it is fast.
+void check_image_complete(const std::filesystem::path& path);
+
+// Round to nearest, values clamped to [0, 1] (not a number gives 0).
 Image8 to_8bit(const ImageF& image);
 
-// PNG or JPEG by extension, written atomically. Throws Error.
+// PNG or JPEG by extension, written atomically, 1 to 4 channels. JPEG has no alpha: it is left out.
+// Throws Error.
 void write_image(const std::filesystem::path& path, const Image8& image);
 
 }  // namespace nerf

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -48,7 +49,7 @@ struct SceneOptions {
 // What a person wants to know before training starts.
 struct SceneReport {
   std::string format;                 // e.g. "COLMAP binary, with rigs and frames"
-  int images_total = 0;               // listed by the model
+  int images_total = 0;               // listed by the model or found in its image folder
   int images_registered = 0;
   int images_missing = 0;             // registered, no file
   std::vector<std::string> missing_names;  // the first few
@@ -85,9 +86,13 @@ struct Scene {
   SceneReport report;
 };
 
-// Detects the format (in the order of SceneFormat), reads, checks and normalises. Runs colmap or
-// ffmpeg for photos and videos. Throws Error.
-Scene load_scene(const std::filesystem::path& path, const SceneOptions& options = {});
+// Detects the format (in the order of SceneFormat), reads, checks and normalises. `path` is the
+// scene's folder, a transforms .json or a video file. Of a COLMAP scene the images are those of
+// images/, or where there are none of images_2, images_4 or images_8. Runs colmap or ffmpeg for
+// photos and videos, in options.work_folder; a model found there from an earlier run on the same
+// photos is used again. `progress` gets lines for a person while those programs run. Throws Error.
+Scene load_scene(const std::filesystem::path& path, const SceneOptions& options = {},
+                 const std::function<void(const std::string&)>& progress = {});
 
 // The report as lines for a person.
 std::string format_report(const SceneReport& report);

@@ -22,8 +22,8 @@ std::string options_to_json(const T& options) {
 }
 
 // Sets the fields that the object names; the others stay. All or nothing: on Error `options` is as
-// before. Throws Error naming `where` (the file) and the line and column of what is not JSON, or the
-// key that is unknown (with the nearest known one), given twice, of another type or outside its
+// before. Throws Error naming `where` (the file) and the line and column of what is not JSON, or
+// the key that is unknown (with the nearest known one), given twice, of another type or outside its
 // limits, or what check_options of the struct refuses.
 template <class T>
 void options_from_json(T& options, const std::string& json, const std::string& where) {

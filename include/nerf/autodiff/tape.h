@@ -1,0 +1,116 @@
+// Reverse-mode differentiation over chunks of rays.
+//
+// A value is a matrix [rows x samples] or [rows x rays]. Model code records operations on a Tape once;
+// plan() then lays every value and gradient out in one arena. A Chunk is one thread's execution of
+// that plan: its own arena, a view of the weights and an accumulator for their gradients. The tape
+// itself is constant after plan(), so any number of chunks run on it at once, and nothing is
+// allocated in a step.
+//
+// Rows have a stride of the chunk's capacity; columns beyond the count in use are padding up to a
+// multiple of kLane (kernels/linear.h): finite in values, zero in gradients.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+
+namespace nerf {
+
+enum class Domain { kSamples, kRays };
+
+using Value = int;  // index of a value on its tape
+
+class Tape;
+
+// One execution of a tape.
+struct Chunk {
+  explicit Chunk(const Tape& tape);
+
+  const Tape* tape;
+  AlignedArray<float> arena;
+  const float* weights = nullptr;      // parameters of the model, read only
+  float* weight_gradient = nullptr;    // same layout, accumulated into
+  int samples = 0, rays = 0;           // columns in use
+  const int32_t* ray_begin = nullptr;  // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
+  double loss = 0;                     // added to by loss operations, and so is the next
+  double squared_error = 0;
+
+  float* data(Value v);
+  const float* data(Value v) const;
+  float* gradient(Value v);
+  int64_t stride(Value v) const;  // floats between rows
+  int64_t count(Value v) const;   // columns in use
+};
+
+// Forward and backward side by side. backward() finds the gradient of the output and must write the
+// gradient of every input i that needs one: overwrite it where overwrites(i), else add to it.
+class Operation {
+ public:
+  Operation(std::vector<Value> inputs, Value output)
+      : inputs_(std::move(inputs)), output_(output), overwrites_(inputs_.size(), true) {}
+  virtual ~Operation() = default;
+  virtual const char* name() const = 0;
+  virtual void forward(Chunk& chunk) const = 0;
+  virtual void backward(Chunk& chunk) const = 0;
+
+  const std::vector<Value>& inputs() const { return inputs_; }
+  Value output() const { return output_; }
+  bool overwrites(size_t i) const { return overwrites_[i]; }
+
+ private:
+  friend class Tape;
+  std::vector<Value> inputs_;
+  Value output_;
+  std::vector<bool> overwrites_;
+};
+
+class Tape {
+ public:
+  // Capacities are rounded up to kLane.
+  Tape(int sample_capacity, int ray_capacity);
+
+  // A value that the caller fills before forward(). With `gradient`, backward() leaves its gradient.
+  Value input(int rows, Domain domain, bool gradient = false);
+  // A value that an operation fills; it needs a gradient where any of `from` does, or `trained`.
+  Value output(int rows, Domain domain, std::span<const Value> from, bool trained = false);
+  // Scratch memory of an operation, in floats; contents do not survive the operation.
+  void need_scratch(size_t floats);
+  void record(std::unique_ptr<Operation> operation);
+  void plan();
+
+  void forward(Chunk& chunk) const { forward(chunk, operations()); }
+  // Only the first `count` operations: what was recorded before operations() was that.
+  void forward(Chunk& chunk, size_t count) const;
+  void backward(Chunk& chunk) const;
+
+  size_t operations() const { return operations_.size(); }
+  int rows(Value v) const { return values_[v].rows; }
+  Domain domain(Value v) const { return values_[v].domain; }
+  bool needs_gradient(Value v) const { return values_[v].gradient; }
+  int capacity(Domain d) const { return d == Domain::kSamples ? samples_ : rays_; }
+  // The only operation that reads v, or null where there are none or several.
+  const Operation* only_consumer(Value v) const;
+  const Operation* producer(Value v) const;
+  size_t arena_floats() const { return arena_floats_; }
+  size_t scratch_offset() const { return 0; }
+
+ private:
+  friend struct Chunk;
+  struct Info {
+    int rows;
+    Domain domain;
+    bool gradient;
+    size_t data = 0, grad = 0;
+  };
+  int samples_, rays_;
+  std::vector<Info> values_;
+  std::vector<std::unique_ptr<Operation>> operations_;
+  size_t scratch_floats_ = 0, arena_floats_ = 0;
+};
+
+}  // namespace nerf

@@ -1,0 +1,18 @@
+// Small helpers for text that people read and write.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+namespace nerf {
+
+// "line:column" of a byte of `text`, both from 1, for messages about text files. A byte behind the
+// end counts as the end.
+std::string line_and_column(std::string_view text, size_t byte);
+
+// Order of names with numbers in them as people count: img2 before img10. Runs of digits compare by
+// value, everything else bytewise; equal values by the number of leading zeros.
+bool natural_less(std::string_view a, std::string_view b);
+
+}  // namespace nerf

@@ -1,0 +1,97 @@
+// Camera paths: which views to render, and nerfstudio's camera-path JSON.
+//
+// All poses here are camera-to-world in the INPUT model's coordinates and unit, OpenCV axes.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "nerf/base/options.h"
+#include "nerf/math/camera.h"
+#include "nerf/math/vec.h"
+#include "nerf/model/model_info.h"
+
+namespace nerf {
+
+struct PathFrame {
+  std::string name;  // of the view it shows, as the model names it, or "orbit_0000"
+  Camera camera;
+  Pose camera_to_world;  // input coordinates
+  double time = 0;       // [0, 1]
+};
+
+struct CameraPath {
+  std::vector<PathFrame> frames;
+  double fps = 30;
+  std::vector<std::string> notes;  // for the user: fallbacks taken, things in a file not used
+};
+
+enum class PathKind {
+  kTest,         // the held-out views, with their own cameras
+  kTrain,        // the training views
+  kOrbit,        // level circle around what the cameras look at
+  kSpiral,       // small spiral around one pose, as LLFF shows forward-facing captures
+  kEllipse,      // level ellipse fitted to the cameras, as mip-NeRF 360 shows unbounded captures
+  kInterpolate,  // through the training cameras in capture order
+};
+inline auto option_names(PathKind) {
+  return std::array{
+      OptionName{PathKind::kTest, "test"},       OptionName{PathKind::kTrain, "train"},
+      OptionName{PathKind::kOrbit, "orbit"},     OptionName{PathKind::kSpiral, "spiral"},
+      OptionName{PathKind::kEllipse, "ellipse"}, OptionName{PathKind::kInterpolate, "interpolate"}};
+}
+
+struct PathOptions {
+  int frames = 120;  // of the generated paths; views are as many as they are
+  double fps = 30;
+};
+
+// The views of `kind` for a trained model. The generated paths:
+// - turn around the engine's up direction (ModelInfo::to_engine maps it to +z) and stand level: the
+//   camera's x axis is horizontal in every frame;
+// - use a pinhole camera with the focal length and image size most common among the training views
+//   and the principal point in the middle (fisheyes: at most 90 degrees wide);
+// - look at the point nearest to all training cameras' optical axes. Where these are too parallel
+// to
+//   tell, at the middle of the engine's frame, or a distance derived from near and far; where most
+//   cameras look away from the point (a panorama), away from it;
+// - close: the frame after the last would be the first. (interpolate does not.)
+// What they do where a capture does not suit them:
+// - orbit: cameras that stand on one side only (a gap of 150 degrees or more) would show what no
+//   photo has seen; it then swings along the arc that they cover, there and back;
+// - ellipse: the same cameras get an ellipse around their own middle;
+// - spiral: of cameras that surround the scene it takes the first one as its middle, with a width
+//   of 15% of the distance to what it looks at; a single camera gets 5%;
+// - interpolate: sorts by time where views have one, else by name with numbers counted as numbers.
+// time runs from 0 to 1 where the model's views have different times, and stays 0 elsewhere.
+// Throws Error where the model has no such views, and for interpolate with fewer than two different
+// poses.
+CameraPath make_camera_path(const ModelInfo& info, PathKind kind, const PathOptions& options = {});
+
+// Camera of the generated paths, see above.
+Camera path_camera(const ModelInfo& info);
+
+// nerfstudio's camera-path JSON: render_width, render_height, fps (or seconds), camera_type
+// (perspective or fisheye) and camera_path[] with camera_to_world (16 numbers, rows first, OpenGL
+// axes: x right, y up, z backward), fov (vertical, degrees) and optionally render_time. keyframes
+// and crop are not used; the latter gets a note.
+//
+// nerfstudio itself stores paths in the normalised coordinates of its own run. A file read or
+// written here is in the input model's coordinates, so one exported from a nerfstudio run fits only
+// where that run had neither reoriented, recentred nor scaled its poses.
+//
+// Throws Error naming the file and the place (line:column, or camera_path[3].fov): not JSON,
+// missing or mistyped entries, not-a-number, a matrix that is no rigid transform, sizes outside 1
+// to 16384. Frames are named after the file: flight_0000 of flight.json.
+CameraPath read_camera_path(const std::filesystem::path& path);
+CameraPath parse_camera_path(const std::string& json, const std::string& where,
+                             const std::string& frame_prefix);
+
+// Writes the same, atomically. Reading it back gives poses and fields of view to rounding (1e-12);
+// lens distortion and principal points have no place in the format. Throws Error for an empty path,
+// frames of different sizes, and where writing fails.
+void write_camera_path(const std::filesystem::path& path, const CameraPath& camera_path);
+
+}  // namespace nerf

@@ -1,0 +1,28 @@
+// Elementwise functions over n floats (n rounded up to kLane, pointers 64-byte aligned unless said).
+#pragma once
+
+#include <cstdint>
+
+namespace nerf {
+
+// Truncated exponential: exp(x) with x clamped to at most kMaxLogDensity, so that it cannot overflow.
+// Its derivative is y = exp(min(x, max)) with the slope clamped to exp(+-15) as in instant-ngp.
+inline constexpr float kMaxLogDensity = 30.0f;
+void truncated_exp_forward(int64_t n, const float* x, float* y);
+void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* dx);
+
+// 1 / (1 + exp(-x)); the derivative from the output: y (1 - y).
+void sigmoid_forward(int64_t n, const float* x, float* y);
+void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx);
+
+// alpha = 1 - exp(-density * delta), without cancellation for small arguments.
+void opacity(int64_t n, const float* density, const float* delta, float* alpha);
+
+// y += x
+void add_to(int64_t n, const float* x, float* y);
+
+// Real spherical harmonics of degree 0 to 3 (16 values) of unit direction (x, y, z).
+inline constexpr int kSphericalHarmonics = 16;
+void spherical_harmonics(float x, float y, float z, float out[kSphericalHarmonics]);
+
+}  // namespace nerf

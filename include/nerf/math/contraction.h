@@ -1,0 +1,25 @@
+// Contraction of unbounded space (Barron et al. 2022, equation 10): the unit ball stays, everything
+// outside it is drawn into the shell between radius 1 and 2.
+#pragma once
+
+#include "nerf/math/vec.h"
+
+namespace nerf {
+
+template <class T>
+TVec3<T> contract(const TVec3<T>& x) {
+  const T r2 = dot(x, x);
+  if (!(r2 > T(1))) return x;
+  const T r = std::sqrt(r2);
+  return x * ((T(2) - T(1) / r) / r);
+}
+
+// Inverse for |z| < 2.
+template <class T>
+TVec3<T> uncontract(const TVec3<T>& z) {
+  const T r = length(z);
+  if (!(r > T(1))) return z;
+  return z / (r * (T(2) - r));
+}
+
+}  // namespace nerf

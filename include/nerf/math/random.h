@@ -1,0 +1,38 @@
+// Counter-based random numbers: a value depends on its key alone, never on what was drawn before, so
+// that draws are order-free, replayable and the same on any number of threads.
+#pragma once
+
+#include <cstdint>
+
+namespace nerf {
+
+// Finaliser of SplitMix64 (Steele et al. 2014): a bijection that passes avalanche tests.
+inline uint64_t mix64(uint64_t z) {
+  z += 0x9e3779b97f4a7c15ull;
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+  return z ^ (z >> 31);
+}
+
+// A stream keyed by (seed, step, index); successive dimensions are drawn from it.
+__extension__ typedef unsigned __int128 Wide;
+
+class Random {
+ public:
+  Random(uint64_t seed, uint64_t step, uint64_t index)
+      : key_(mix64(mix64(mix64(seed) ^ step) ^ index)) {}
+
+  uint64_t bits() { return mix64(key_ + 0xd1342543de82ef95ull * dimension_++); }
+  // Uniform in [0, 1), 24 bits.
+  float uniform() { return static_cast<float>(bits() >> 40) * 0x1p-24f; }
+  // Uniform in [0, n), n >= 1.
+  uint64_t below(uint64_t n) {
+    return static_cast<uint64_t>((static_cast<Wide>(bits()) * n) >> 64);
+  }
+
+ private:
+  uint64_t key_;
+  uint64_t dimension_ = 0;
+};
+
+}  // namespace nerf

@@ -1,0 +1,115 @@
+// The `grid` method's field: multiresolution hash grid, two small MLPs, occupancy.
+//
+//   position -> [contract] -> hash grid (4 L features) -> MLP -> h (16)
+//   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction))
+// (Mueller et al. 2022, section 5.4.)
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "nerf/autodiff/operations.h"
+#include "nerf/base/aligned.h"
+#include "nerf/base/options.h"
+#include "nerf/kernels/elementwise.h"
+#include "nerf/kernels/hash_grid.h"
+#include "nerf/parts/occupancy.h"
+#include "nerf/parts/ray_sampler.h"
+
+namespace nerf {
+
+struct GridOptions {
+  int levels = 8;
+  int log2_entries = 18;
+  int base_resolution = 16;
+  int finest_resolution = 2048;
+  int hidden = 64;
+  int density_layers = 1;
+  int colour_layers = 2;
+  int geometry_features = 16;
+  SamplerOptions sampler;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("levels", levels, "resolutions of the hash grid", at_least(1), at_most(16));
+    v("log2_entries", log2_entries, "binary logarithm of the entries of each resolution's table",
+      at_least(10), at_most(24));
+    v("base_resolution", base_resolution, "coarsest resolution, cells across the region",
+      at_least(2), at_most(512));
+    v("finest_resolution", finest_resolution, "finest resolution, cells across the region",
+      at_least(2), at_most(1 << 20));
+    v("hidden", hidden, "width of the networks", at_least(16), at_most(1024));
+    v("density_layers", density_layers, "hidden layers of the density network", at_least(1),
+      at_most(8));
+    v("colour_layers", colour_layers, "hidden layers of the colour network", at_least(1),
+      at_most(8));
+    v("geometry_features", geometry_features, "features handed from density to colour",
+      at_least(2), at_most(256));
+    v("max_samples", sampler.max_samples, "most network samples of a ray", at_least(2),
+      at_most(240));
+    v("min_samples", sampler.min_samples, "fewest network samples of a ray that meets matter",
+      at_least(1), at_most(240));
+    v("samples_per_cell", sampler.samples_per_cell,
+      "network samples per effective cell that a ray's light comes from", above(0));
+    v("uniform_share", sampler.uniform_share,
+      "share of samples drawn over all matter on the ray, whatever the cached density says",
+      above(0), at_most(10));
+    v("min_transmittance", sampler.min_transmittance,
+      "a ray's march stops where the cached density lets less light through (0: never)",
+      at_least(0), at_most(1));
+  }
+};
+
+// Everything that rendering needs. Plain data: the trainer writes it between steps.
+struct GridField {
+  GridField(const GridOptions& options, bool unbounded, int cascades);
+
+  GridOptions options;
+  bool unbounded;
+  HashGridShape shape;
+  AlignedArray<float> table;    // shape.rows x kGridFeatures
+  std::vector<LinearWeights> density_layers, colour_layers;
+  AlignedArray<float> weights;  // of both networks
+  OccupancyGrid occupancy;
+  Box3 clip;                    // engine coordinates; no matter outside
+
+  // Small random weights (tables U(-1e-4, 1e-4), networks Xavier-uniform), keyed by the seed.
+  void initialise(uint64_t seed);
+
+  // Position of p (engine coordinates) on the hash grid, [0, 1]^3: the box [-1, 1]^3, or contracted
+  // space's [-2, 2]^3 where the scene is unbounded.
+  Vec3 grid_position(const Vec3& p) const;
+};
+
+// A chunk of samples of one network call.
+inline constexpr int kChunkSamples = 240;
+inline constexpr int kChunkRays = 240;
+
+// The field on a tape, with the values that a caller fills and reads.
+struct GridTape {
+  Tape tape{kChunkSamples, kChunkRays};
+  Value features = 0;    // in: [4 L x samples]
+  Value directions = 0;  // in: [3 x rays]
+  Value delta = 0;       // in: [1 x samples]
+  Value background = 0;  // in: [3 x rays]
+  Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
+  Value density = 0;     // out: [1 x samples]
+  Value colour = 0;      // out: [3 x samples]
+  Composite image{};     // out
+
+  GridTape(const GridField& field, bool training, float huber_delta = 0.1f);
+
+  // Only what density needs.
+  void forward_density(Chunk& chunk) const { tape.forward(chunk, density_operations_); }
+  // Density and colour, not composited.
+  void forward_field(Chunk& chunk) const { tape.forward(chunk, field_operations_); }
+
+ private:
+  size_t density_operations_ = 0, field_operations_ = 0;
+};
+
+// Encodes a chunk's positions (grid coordinates) at every level: features [4 L x ld].
+void encode(const GridField& field, const float* x, const float* y, const float* z, int64_t n,
+            float* features, int64_t ld);
+
+}  // namespace nerf

@@ -1,0 +1,75 @@
+// Where on a ray the network is asked: a march through the occupancy grid gives segments of matter
+// and, from their remembered opacity, a coarse distribution; the fine samples are drawn from it.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "nerf/math/random.h"
+#include "nerf/math/vec.h"
+#include "nerf/parts/occupancy.h"
+
+namespace nerf {
+
+// Engine coordinates; direction of unit length, so that t is Euclidean distance.
+struct Ray {
+  Vec3d origin;
+  Vec3d direction;
+  double near = 0, far = 1e30;  // samples only in between
+};
+
+struct SamplerOptions {
+  int max_samples = 32;           // per ray
+  int min_samples = 4;            // of a ray that meets any matter
+  float samples_per_cell = 1.5f;  // of the effective number of cells that a ray's light comes from
+  float uniform_share = 0.1f;     // drawn over all occupied cells, whatever the cache says
+  float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
+};
+
+// Samples of a ray. The interval lengths of a ray add up to the length of matter that it passes, and
+// each position lies inside its interval.
+struct RaySamples {
+  std::vector<float> t;      // distance from the sampler's entry() along the ray
+  std::vector<float> delta;  // interval length
+};
+
+// A ray's passage through one occupied cell.
+struct Segment {
+  float t0, t1;      // relative to the entry point of the march
+  float thickness;   // optical, of this passage
+};
+
+class RaySampler {
+ public:
+  RaySampler(const OccupancyGrid& grid, const SamplerOptions& options, const Box3& clip);
+
+  // Draws samples; with `random` jittered in their intervals, without it at the intervals' middles.
+  // Returns their number (0: the ray meets no matter). Positions are entry() + t * direction.
+  // Without `follow_cache` every occupied cell of the ray is sampled alike, up to its end.
+  int sample(const Ray& ray, Random* random, bool follow_cache, RaySamples& out);
+
+  // Every occupied cell of the ray cut into `per_cell` equal intervals: the quadrature with nothing
+  // skipped, however many samples it takes.
+  int sample_all(const Ray& ray, int per_cell, RaySamples& out);
+
+  // Of the last ray: its occupied segments, the point where the march began (found in double, since
+  // far from the scene float has no digits left for it) and that point's distance from the origin.
+  const std::vector<Segment>& segments() const { return segments_; }
+  const Vec3& entry() const { return entry_; }
+  double start() const { return start_; }
+
+ private:
+  void march(const Ray& ray, float min_transmittance);
+  int choose_count(bool follow_cache);
+
+  const OccupancyGrid& grid_;
+  SamplerOptions options_;
+  Box3 clip_;
+  std::vector<Segment> segments_;
+  std::vector<float> mass_;  // of each segment in the coarse distribution; sums to total_mass_
+  float total_mass_ = 0;
+  double start_ = 0;
+  Vec3 entry_;
+};
+
+}  // namespace nerf

@@ -1,0 +1,101 @@
+// Training of a radiance field, step by step.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/model/grid_field.h"
+#include "nerf/model/radiance_field.h"
+
+namespace nerf {
+
+struct TrainOptions {
+  uint64_t seed = 1;
+  int64_t steps = 0;             // planned length: the rate falls over it
+  int batch_samples = 1 << 16;   // network samples of a step
+  double rate = 1e-2;
+  double final_rate = 0.03;      // of the last step, as a share of `rate`
+  double warmup = 0.01;          // share of the steps over which the rate rises
+  double huber_delta = 0.1;
+  double network_l2 = 1e-6;
+  double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
+  GridOptions grid;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("seed", seed, "of every random number");
+    v("steps", steps, "length of the training; the rate falls over it", at_least(0));
+    v("batch_samples", batch_samples, "network samples of a step", at_least(960),
+      at_most(1 << 22));
+    v("rate", rate, "Adam's step size", above(0), at_most(1));
+    v("final_rate", final_rate, "step size of the last step, as a share of the first", above(0),
+      at_most(1));
+    v("warmup", warmup, "share of the steps over which the step size rises", at_least(0),
+      at_most(1));
+    v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
+    v("network_l2", network_l2, "weight decay of the networks", at_least(0));
+    v("occupancy_threshold", occupancy_threshold,
+      "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
+    v("grid", grid, "field");
+  }
+};
+
+struct StepReport {
+  int64_t step = 0;        // steps done
+  double loss = 0;         // mean over rays and channels
+  double psnr = 0;         // of the step's rays, dB
+  int64_t rays = 0;        // of this step
+  int64_t samples = 0;     // network samples of this step: forward and backward
+  double rate = 0;
+};
+
+// Where the time of the steps so far went, seconds of wall clock.
+struct TrainProfile {
+  double rays = 0, encode = 0, network = 0, scatter = 0, update = 0, occupancy = 0;
+};
+
+class Trainer {
+ public:
+  // The scene and the photos must outlive the trainer.
+  Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
+          ThreadPool& pool);
+  ~Trainer();
+
+  // One optimisation step.
+  StepReport step();
+
+  // Steps until options().steps or until asked to stop; the callback may return false to stop too.
+  void run(const std::function<bool(const StepReport&)>& callback, const Cancel* cancel = nullptr);
+
+  int64_t steps_done() const;
+  const TrainOptions& options() const;
+  const TrainProfile& profile() const;
+  // The field as it is now; valid until the next step.
+  const GridField& field() const;
+  // A copy to render from or save.
+  RadianceField snapshot() const;
+
+  // Changes the planned length (a time budget fixes it after a warm-up).
+  void set_planned_steps(int64_t steps);
+
+  // Everything needed to continue bit for bit.
+  void save_checkpoint(const std::filesystem::path& path) const;
+  void load_checkpoint(const std::filesystem::path& path);
+
+  // Restores the weights as they were at the start with another salt for every random number.
+  void restart(uint64_t salt, double rate_factor);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace nerf

@@ -1,0 +1,145 @@
+#include <algorithm>
+#include <cmath>
+
+#include "nerf/autodiff/operations.h"
+#include "nerf/base/error.h"
+#include "nerf/kernels/elementwise.h"
+
+namespace nerf {
+namespace {
+
+// C = sum_i w_i c_i + T_n b with w_i = T_i alpha_i, T_i = prod_{j<i} (1 - alpha_j),
+// alpha_i = 1 - exp(-density_i delta_i). With A_i = sum_{j>i} w_j (c_j . g) + T_n (b . g) the
+// gradient is d/d density_i = delta_i (T_{i+1} (c_i . g) - A_i): what stands behind a sample is
+// dimmed by it. The fourth row, opacity 1 - T_n, behaves as a colour of 1 over a background of 0.
+class CompositeOp : public Operation {
+ public:
+  CompositeOp(Value density, Value colour, Value delta, Value background, Value weights, Value pixel)
+      : Operation({density, colour, delta, background}, pixel), weights_(weights) {}
+  const char* name() const override { return "composite"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t ls = c.stride(inputs()[1]), lr = c.stride(output());
+    float* w = c.data(weights_);
+    opacity(c.samples, c.data(inputs()[0]), c.data(inputs()[2]), w);
+    const float* rgb = c.data(inputs()[1]);
+    const float* background = c.data(inputs()[3]);
+    float* pixel = c.data(output());
+    for (int r = 0; r < c.rays; ++r) {
+      float t = 1, sum[3] = {0, 0, 0};
+      for (int i = c.ray_begin[r]; i < c.ray_begin[r + 1]; ++i) {
+        const float alpha = w[i];
+        w[i] = t * alpha;
+        t *= 1 - alpha;
+        for (int k = 0; k < 3; ++k) sum[k] += w[i] * rgb[k * ls + i];
+      }
+      for (int k = 0; k < 3; ++k) pixel[k * lr + r] = sum[k] + t * background[k * lr + r];
+      pixel[3 * lr + r] = 1 - t;
+    }
+  }
+
+  void backward(Chunk& c) const override {
+    const int64_t ls = c.stride(inputs()[1]), lr = c.stride(output());
+    const float* w = c.data(weights_);
+    const float* density = c.data(inputs()[0]);
+    const float* rgb = c.data(inputs()[1]);
+    const float* delta = c.data(inputs()[2]);
+    const float* background = c.data(inputs()[3]);
+    const float* dp = c.gradient(output());
+    float* d_density = c.gradient(inputs()[0]);
+    float* d_rgb = c.gradient(inputs()[1]);
+    NERF_CHECK(overwrites(0) && overwrites(1));
+    for (int r = 0; r < c.rays; ++r) {
+      const float g[4] = {dp[r], dp[lr + r], dp[2 * lr + r], dp[3 * lr + r]};
+      const int begin = c.ray_begin[r], end = c.ray_begin[r + 1];
+      // Transmittance behind sample i, from the optical depth so that it does not drift.
+      float depth = 0;
+      for (int i = begin; i < end; ++i) depth += density[i] * delta[i];
+      float t_after = std::exp(-depth);
+      float behind = t_after * (background[r] * g[0] + background[lr + r] * g[1] +
+                                background[2 * lr + r] * g[2]);
+      for (int i = end; i-- > begin;) {
+        const float toward = rgb[i] * g[0] + rgb[ls + i] * g[1] + rgb[2 * ls + i] * g[2] + g[3];
+        d_density[i] = delta[i] * (t_after * toward - behind);
+        for (int k = 0; k < 3; ++k) d_rgb[k * ls + i] = w[i] * g[k];
+        behind += w[i] * toward;
+        t_after = std::min(1.0f, t_after + w[i]);
+      }
+    }
+    // Padding columns take no part.
+    const int used = c.ray_begin[c.rays];
+    const int64_t padded = round_up(c.samples, kLane);
+    std::fill(d_density + used, d_density + padded, 0.0f);
+    for (int k = 0; k < 3; ++k) std::fill(d_rgb + k * ls + used, d_rgb + k * ls + padded, 0.0f);
+  }
+
+ private:
+  Value weights_;
+};
+
+class HuberLoss : public Operation {
+ public:
+  HuberLoss(Value pixel, Value target, Value scale, Value out, float delta)
+      : Operation({pixel, target, scale}, out), delta_(delta) {}
+  const char* name() const override { return "huber_loss"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t lr = c.stride(output());
+    const float* p = c.data(inputs()[0]);
+    const float* t = c.data(inputs()[1]);
+    const float* scale = c.data(inputs()[2]);
+    float* out = c.data(output());
+    for (int r = 0; r < c.rays; ++r) {
+      float sum = 0;
+      for (int k = 0; k < 3; ++k) {
+        const float e = p[k * lr + r] - t[k * lr + r], a = std::fabs(e);
+        sum += a <= delta_ ? e * e : delta_ * (2 * a - delta_);
+        c.squared_error += static_cast<double>(e) * e;
+      }
+      out[r] = sum * scale[r];
+      c.loss += out[r];
+    }
+  }
+
+  void backward(Chunk& c) const override {
+    const int64_t lr = c.stride(output());
+    const float* p = c.data(inputs()[0]);
+    const float* t = c.data(inputs()[1]);
+    const float* scale = c.data(inputs()[2]);
+    float* dp = c.gradient(inputs()[0]);
+    NERF_CHECK(overwrites(0));
+    for (int r = 0; r < c.rays; ++r) {
+      for (int k = 0; k < 3; ++k) {
+        const float e = p[k * lr + r] - t[k * lr + r];
+        dp[k * lr + r] = 2 * std::clamp(e, -delta_, delta_) * scale[r];
+      }
+      dp[3 * lr + r] = 0;
+    }
+  }
+
+ private:
+  float delta_;
+};
+
+}  // namespace
+
+Composite composite(Tape& tape, Value density, Value colour, Value delta, Value background) {
+  NERF_CHECK_EQ(tape.rows(density), 1);
+  NERF_CHECK_EQ(tape.rows(colour), 3);
+  NERF_CHECK_EQ(tape.rows(background), 3);
+  const Value from[] = {density, colour};
+  const Value weights = tape.output(1, Domain::kSamples, {});
+  const Value pixel = tape.output(4, Domain::kRays, from);
+  tape.record(std::make_unique<CompositeOp>(density, colour, delta, background, weights, pixel));
+  return {pixel, weights};
+}
+
+Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta) {
+  NERF_CHECK_EQ(tape.rows(pixel), 4);
+  NERF_CHECK_EQ(tape.rows(target), 3);
+  const Value out = tape.output(1, Domain::kRays, {&pixel, 1});
+  tape.record(std::make_unique<HuberLoss>(pixel, target, scale, out, delta));
+  return out;
+}
+
+}  // namespace nerf

@@ -1,0 +1,77 @@
+#include <cstring>
+
+#include "nerf/autodiff/operations.h"
+#include "nerf/base/error.h"
+#include "nerf/kernels/elementwise.h"
+
+namespace nerf {
+namespace {
+
+class Linear : public Operation {
+ public:
+  Linear(Value x, Value y, const LinearWeights& w, LinearActivation activation)
+      : Operation({x}, y), w_(w), activation_(activation) {}
+
+  const char* name() const override { return "linear"; }
+  LinearActivation activation() const { return activation_; }
+
+  void forward(Chunk& c) const override {
+    const Value x = inputs()[0];
+    linear_forward(w_.in, w_.out, c.weights + w_.offset, nullptr, c.data(x), c.data(output()),
+                   c.stride(x), c.count(x), activation_);
+  }
+
+  void backward(Chunk& c) const override {
+    const Value x = inputs()[0];
+    const int64_t ld = c.stride(x), n = c.count(x);
+    float* dy = c.gradient(output());
+    // Where the only reader is another layer, that one has applied the ReLU's mask already.
+    if (activation_ == LinearActivation::kRelu && !masked_by_reader(c))
+      relu_backward(w_.out, c.data(output()), dy, ld, n);
+
+    float* xt = c.arena.data() + c.tape->scratch_offset();
+    transpose_to_samples(w_.in, c.data(x), ld, n, xt);
+    linear_backward_weights(w_.in, w_.out, dy, xt, ld, n, c.weight_gradient + w_.offset, nullptr);
+    if (!c.tape->needs_gradient(x)) return;
+
+    const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
+    const bool mask = maker && maker->activation_ == LinearActivation::kRelu &&
+                      c.tape->only_consumer(x) == this;
+    const float* relu_output = mask ? c.data(x) : nullptr;
+    if (overwrites(0)) {
+      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, c.gradient(x), ld, n,
+                            relu_output);
+    } else {
+      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, xt, ld, n, relu_output);
+      for (int r = 0; r < w_.in; ++r) add_to(n, xt + r * ld, c.gradient(x) + r * ld);
+    }
+  }
+
+ private:
+  bool masked_by_reader(const Chunk& c) const {
+    return dynamic_cast<const Linear*>(c.tape->only_consumer(output())) != nullptr;
+  }
+
+  LinearWeights w_;
+  LinearActivation activation_;
+};
+
+}  // namespace
+
+Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation) {
+  NERF_CHECK_EQ(tape.rows(x), w.in);
+  const Value y = tape.output(w.out, tape.domain(x), {&x, 1}, /*trained=*/true);
+  tape.need_scratch(static_cast<size_t>(weight_stride(w.in)) *
+                    static_cast<size_t>(tape.capacity(tape.domain(x))));
+  tape.record(std::make_unique<Linear>(x, y, w, activation));
+  return y;
+}
+
+Value mlp(Tape& tape, Value x, std::span<const LinearWeights> layers) {
+  for (size_t i = 0; i < layers.size(); ++i)
+    x = linear(tape, x, layers[i],
+               i + 1 < layers.size() ? LinearActivation::kRelu : LinearActivation::kNone);
+  return x;
+}
+
+}  // namespace nerf

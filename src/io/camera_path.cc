@@ -1,0 +1,318 @@
+#include "nerf/io/camera_path.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <numbers>
+
+#include "nerf/base/error.h"
+#include "nerf/base/text.h"
+#include "nerf/math/camera_paths.h"
+
+namespace nerf {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr Vec3d kUp{0, 0, 1};  // of the engine's frame
+
+// Cameras with a gap this wide between their azimuths stand on one side.
+constexpr double kWidestGap = 150 * kPi / 180;
+// Half the arc of a swing around a single camera.
+constexpr double kLeastSwing = 8 * kPi / 180;
+// Constant speed along paths: a turn by one radian counts as much as a move by this share of the
+// distance to what the cameras look at.
+constexpr double kTurnShare = 0.5;
+
+// What the generators know of a capture; engine coordinates.
+struct Rig {
+  std::vector<Pose> cameras;
+  Vec3d middle;          // mean position
+  Vec3d focus;           // what the cameras look at
+  double distance = 1;   // mean distance from the focus, > 0
+  bool outward = false;  // most cameras look away from the focus
+  Arc arc;               // azimuths seen from the focus
+};
+
+double horizontal(const Vec3d& v) { return std::hypot(v.x, v.y); }
+
+std::vector<const ModelView*> training_views(const ModelInfo& info) {
+  std::vector<const ModelView*> views;
+  for (const ModelView& view : info.views)
+    if (!view.held_out) views.push_back(&view);
+  if (views.empty())
+    for (const ModelView& view : info.views) views.push_back(&view);
+  if (views.empty())
+    throw Error("the model holds no cameras to make a path from", "",
+                "give a camera path file to --views");
+  return views;
+}
+
+// Where the axes do not meet: along their mean direction, at the depth of the engine's origin (the
+// middle of the scene), else at the depth that LLFF uses between the nearest and farthest content.
+Vec3d distant_focus(const ModelInfo& info, const std::vector<Pose>& cameras, const Vec3d& middle) {
+  Vec3d forward;
+  for (const Pose& c : cameras) forward = forward + c.rotation.column(2);
+  if (length(forward) < 0.2 * static_cast<double>(cameras.size())) return middle;
+  forward = normalized(forward);
+  double depth = dot(-middle, forward);
+  if (depth < 0.05) {
+    depth = 1;
+    if (info.near > 0 && info.far > info.near && std::isfinite(info.far))
+      depth = 1 / (0.25 / info.near + 0.75 / info.far);
+  }
+  return middle + forward * depth;
+}
+
+Rig make_rig(const ModelInfo& info) {
+  Rig rig;
+  for (const ModelView* view : training_views(info)) {
+    const Pose pose = info.to_engine.apply(view->pose);
+    const bool finite = std::isfinite(dot(pose.translation, pose.translation));
+    if (!finite || !(orthonormality_error(pose.rotation) < 1e-3))
+      throw Error("the camera of view '" + view->name + "' is no rigid pose", "",
+                  "the model file is damaged: train again");
+    rig.cameras.push_back(pose);
+    rig.middle = rig.middle + pose.translation;
+  }
+  const auto n = static_cast<double>(rig.cameras.size());
+  rig.middle = rig.middle / n;
+  const auto meeting = nearest_point_to_axes(rig.cameras);
+  rig.focus = meeting ? *meeting : distant_focus(info, rig.cameras, rig.middle);
+
+  double distance = 0;
+  int away = 0;
+  std::vector<double> azimuths;
+  for (const Pose& c : rig.cameras) {
+    const Vec3d from_focus = c.translation - rig.focus;
+    distance += length(from_focus) / n;
+    away += dot(c.rotation.column(2), from_focus) > 0;
+    // The azimuth of a camera above the focus says nothing; that of one at it neither.
+    if (horizontal(from_focus) > 0.05 * length(from_focus))
+      azimuths.push_back(std::atan2(from_focus.y, from_focus.x));
+  }
+  if (distance > 1e-9) rig.distance = distance;
+  rig.outward = 2 * away > static_cast<int>(rig.cameras.size());
+  rig.arc = covered_arc(azimuths, kWidestGap);
+  return rig;
+}
+
+// Level pose at `position`, towards the focus or away from it.
+Pose looking(const Rig& rig, const Vec3d& position) {
+  const Vec3d ray = rig.outward ? position - rig.focus : rig.focus - position;
+  return {look_rotation(length(ray) > 0 ? ray : Vec3d{1, 0, 0}, kUp), position};
+}
+
+PoseCurve orbit(const Rig& rig) {
+  double radius = 0, height = 0;
+  const auto n = static_cast<double>(rig.cameras.size());
+  for (const Pose& c : rig.cameras) {
+    radius += horizontal(c.translation - rig.focus) / n;
+    height += (c.translation.z - rig.focus.z) / n;
+  }
+  radius = std::max(radius, 0.25 * rig.distance);  // cameras straight above
+  const double swing = std::max(rig.arc.half_width, kLeastSwing);
+  return {[rig, radius, height, swing](double u) {
+            const double azimuth = rig.arc.full ? rig.arc.middle + 2 * kPi * u
+                                                : rig.arc.middle + swing * std::sin(2 * kPi * u);
+            return looking(rig, rig.focus + Vec3d{radius * std::cos(azimuth),
+                                                  radius * std::sin(azimuth), height});
+          },
+          0};
+}
+
+PoseCurve ellipse(const Rig& rig) {
+  const Vec3d center = rig.arc.full ? rig.focus : rig.middle;
+  // Principal directions of the positions seen from above, in closed form.
+  double xx = 0, xy = 0, yy = 0, height = 0;
+  for (const Pose& c : rig.cameras) {
+    const Vec3d p = c.translation - center;
+    xx += p.x * p.x;
+    xy += p.x * p.y;
+    yy += p.y * p.y;
+    height += c.translation.z / static_cast<double>(rig.cameras.size());
+  }
+  const double turn = 0.5 * std::atan2(2 * xy, xx - yy);
+  const Vec3d a{std::cos(turn), std::sin(turn), 0}, b{-std::sin(turn), std::cos(turn), 0};
+  std::vector<double> along, across;
+  for (const Pose& c : rig.cameras) {
+    along.push_back(std::abs(dot(c.translation - center, a)));
+    across.push_back(std::abs(dot(c.translation - center, b)));
+  }
+  // As mip-NeRF 360: nine in ten cameras lie within. A line of cameras gets some width.
+  const double major = std::max(quantile(along, 0.9), 0.05 * rig.distance);
+  const double minor = std::max(quantile(across, 0.9), 0.2 * major);
+  return {[=](double u) {
+            const Vec3d p =
+                center + a * (major * std::cos(2 * kPi * u)) + b * (minor * std::sin(2 * kPi * u));
+            return looking(rig, {p.x, p.y, height});
+          },
+          0};
+}
+
+PoseCurve spiral(const Rig& rig) {
+  Vec3d position = rig.middle, forward;
+  for (const Pose& c : rig.cameras) forward = forward + c.rotation.column(2);
+  if (rig.arc.full || rig.outward || length(forward) < 1e-6) {
+    position = rig.cameras.front().translation;
+    forward = rig.cameras.front().rotation.column(2);
+  }
+  Mat3d base = look_rotation(forward, kUp);
+  const double depth = std::max(dot(rig.focus - position, base.column(2)), 0.2 * rig.distance);
+  Vec3d radii{0.15 * depth, 0.15 * depth, 0.05 * depth};
+  if (!rig.arc.full && !rig.outward) {
+    for (int axis = 0; axis < 3; ++axis) {
+      std::vector<double> offsets;
+      for (const Pose& c : rig.cameras)
+        offsets.push_back(std::abs(dot(c.translation - position, base.column(axis))));
+      radii[axis] = std::min(quantile(offsets, 0.9), 0.5 * depth);
+    }
+    if (std::max(radii.x, radii.y) < 0.02 * depth) radii = Vec3d{0.05, 0.05, 0.02} * depth;
+  }
+  const Vec3d target = position + base.column(2) * depth;
+  // Two turns, while the distance goes forth and back once.
+  return {[=](double u) {
+            const double angle = 4 * kPi * u;
+            const Vec3d offset{radii.x * std::cos(angle), radii.y * std::sin(angle),
+                               radii.z * std::sin(angle / 2)};
+            const Vec3d p = position + base * offset;
+            return Pose{look_rotation(target - p, kUp), p};
+          },
+          0};
+}
+
+std::string numbered(const std::string& prefix, size_t i) {
+  char number[32];
+  std::snprintf(number, sizeof(number), "_%04zu", i);
+  return prefix + number;
+}
+
+bool has_times(const ModelInfo& info) {
+  return std::any_of(info.views.begin(), info.views.end(),
+                     [&](const ModelView& v) { return v.time != info.views.front().time; });
+}
+
+void add_curve(CameraPath& path, const ModelInfo& info, const PoseCurve& curve, int frames,
+               const std::string& name) {
+  const Camera camera = path_camera(info);
+  const bool timed = has_times(info);
+  const auto parameters = constant_speed_parameters(curve, frames, true);
+  for (size_t i = 0; i < parameters.size(); ++i) {
+    PathFrame frame{numbered(name, i), camera,
+                    info.to_engine.apply_inverse(curve.at(parameters[i])), 0};
+    frame.camera_to_world.rotation = orthonormalized(frame.camera_to_world.rotation);
+    if (timed && frames > 1) frame.time = static_cast<double>(i) / (frames - 1);
+    path.frames.push_back(std::move(frame));
+  }
+}
+
+void add_interpolation(CameraPath& path, const ModelInfo& info, int frames) {
+  auto views = training_views(info);
+  const bool timed = has_times(info);
+  std::stable_sort(views.begin(), views.end(), [&](const ModelView* a, const ModelView* b) {
+    return timed ? a->time < b->time : natural_less(a->name, b->name);
+  });
+  const Rig rig = make_rig(info);
+  std::vector<Pose> keys;
+  for (const ModelView* view : views) keys.push_back(info.to_engine.apply(view->pose));
+  const double turn_weight = kTurnShare * rig.distance;
+  const PoseSpline spline(keys, turn_weight);
+  if (spline.distinct_keys() < 2)
+    throw Error("interpolate needs at least two training cameras at different poses", "--views",
+                "use orbit or spiral");
+  const Camera camera = path_camera(info);
+  const PoseCurve curve{[&](double u) { return spline.at(u); }, turn_weight};
+  const auto parameters = constant_speed_parameters(curve, frames, false);
+  for (size_t i = 0; i < parameters.size(); ++i) {
+    PathFrame frame{numbered("interpolate", i), camera,
+                    info.to_engine.apply_inverse(curve.at(parameters[i])), 0};
+    frame.camera_to_world.rotation = orthonormalized(frame.camera_to_world.rotation);
+    if (timed) {
+      const auto [key, fraction] = spline.key_at(parameters[i]);
+      const size_t next = std::min<size_t>(static_cast<size_t>(key) + 1, views.size() - 1);
+      frame.time = views[key]->time + fraction * (views[next]->time - views[key]->time);
+    }
+    path.frames.push_back(std::move(frame));
+  }
+}
+
+void add_views(CameraPath& path, const ModelInfo& info, bool held_out) {
+  for (const ModelView& view : info.views)
+    if (view.held_out == held_out)
+      path.frames.push_back({view.name, view.camera, view.pose, view.time});
+  if (path.frames.empty())
+    throw Error(held_out ? "the model has no held-out views" : "the model has no training views",
+                "--views",
+                held_out ? "it was trained with --holdout none: use train, orbit, spiral, ellipse "
+                           "or interpolate"
+                         : "use test, or give a camera path file");
+}
+
+}  // namespace
+
+Camera path_camera(const ModelInfo& info) {
+  const auto views = training_views(info);
+  std::map<std::pair<int, int>, int> sizes;
+  for (const ModelView* view : views) ++sizes[{view->camera.width, view->camera.height}];
+  const auto common =
+      std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) {
+        return a.second < b.second;
+      })->first;
+  std::vector<double> fx, fy;
+  bool fisheye = false;
+  for (const ModelView* view : views) {
+    const Camera& c = view->camera;
+    if (std::pair(c.width, c.height) != common) continue;
+    fx.push_back(c.fx());
+    fy.push_back(c.fy());
+    fisheye |= c.model == CameraModel::kOpenCVFisheye || c.model == CameraModel::kFov ||
+               c.model == CameraModel::kSimpleRadialFisheye ||
+               c.model == CameraModel::kRadialFisheye ||
+               c.model == CameraModel::kThinPrismFisheye ||
+               c.model == CameraModel::kRadTanThinPrismFisheye;
+  }
+  Camera camera;
+  camera.model = CameraModel::kPinhole;
+  camera.width = common.first;
+  camera.height = common.second;
+  double f_x = quantile(fx, 0.5), f_y = quantile(fy, 0.5);
+  if (fisheye) {
+    const double least = 0.5 * std::max(camera.width, camera.height);  // 90 degrees
+    f_x = std::max(f_x, least);
+    f_y = std::max(f_y, least);
+  }
+  camera.params = {f_x, f_y, camera.width * 0.5, camera.height * 0.5};
+  return camera;
+}
+
+CameraPath make_camera_path(const ModelInfo& info, PathKind kind, const PathOptions& options) {
+  NERF_CHECK_GT(options.frames, 0);
+  CameraPath path;
+  path.fps = options.fps;
+  switch (kind) {
+    case PathKind::kTest:
+    case PathKind::kTrain:
+      add_views(path, info, kind == PathKind::kTest);
+      break;
+    case PathKind::kOrbit: {
+      const Rig rig = make_rig(info);
+      if (!rig.arc.full)
+        path.notes.emplace_back(
+            "the cameras stand on one side: the orbit swings along the arc that they cover");
+      add_curve(path, info, orbit(rig), options.frames, "orbit");
+      break;
+    }
+    case PathKind::kSpiral:
+      add_curve(path, info, spiral(make_rig(info)), options.frames, "spiral");
+      break;
+    case PathKind::kEllipse:
+      add_curve(path, info, ellipse(make_rig(info)), options.frames, "ellipse");
+      break;
+    case PathKind::kInterpolate:
+      add_interpolation(path, info, options.frames);
+      break;
+  }
+  return path;
+}
+
+}  // namespace nerf

@@ -1,0 +1,90 @@
+// COLMAP models: cameras, images and points3D, as .bin or as .txt.
+//
+// Layout and meaning: COLMAP's documentation, "Output Format". Models written since COLMAP 3.12 have
+// rigs and frames beside the three old files; images still carries every image's own pose (sensor
+// from rig composed with rig from world, as COLMAP writes it), so that nothing here needs them.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <unordered_map>
+#include <unordered_set>
+#include <vector>
+
+#include "cursor.h"
+#include "nerf/io/scene.h"
+
+namespace nerf::internal {
+
+// A point seen in an image; indices, not COLMAP's ids.
+struct Observation {
+  int32_t image;
+  int32_t point;
+};
+
+struct ColmapImage {
+  std::string name;
+  int camera = 0;  // index into ColmapModel::cameras
+  Pose pose;       // camera-to-world
+};
+
+struct ColmapModel {
+  std::string format;  // "COLMAP binary, with rigs and frames"
+  std::vector<Camera> cameras;
+  std::vector<ColmapImage> images;
+  std::vector<ScenePoint> points;
+  std::vector<Observation> observations;
+  std::vector<std::string> warnings;
+};
+
+// Checks what every format says and turns ids into indices. Every function throws through `at`.
+class ColmapBuilder {
+ public:
+  void add_camera(const Cursor& at, uint32_t id, CameraModel model, uint64_t width,
+                  uint64_t height, const std::array<double, kMaxCameraParams>& params);
+  // Quaternion w x y z and translation of camera-from-world, as stored.
+  void add_image(const Cursor& at, uint32_t id, const std::array<double, 7>& camera_from_world,
+                 uint32_t camera_id, std::string name);
+  // Begins a point; add_track adds the images that see it. A point that is not finite is left out.
+  void add_point(const Vec3d& position, double error);
+  void add_track(uint32_t image_id);
+  void warn(std::string text) { model_.warnings.push_back(std::move(text)); }
+  ColmapModel finish();
+
+ private:
+  ColmapModel model_;
+  std::unordered_map<uint32_t, int> camera_index_, image_index_;
+  std::unordered_set<std::string> names_;
+  bool point_kept_ = false;
+  int points_dropped_ = 0;
+};
+
+// `id` as in cameras.bin: an Error that names it and the way out, where it is not one of ours.
+CameraModel colmap_camera_model(const Cursor& at, int64_t id);
+
+// Read one file each; in this order.
+void read_colmap_cameras_binary(const std::filesystem::path& file, ColmapBuilder& builder);
+void read_colmap_images_binary(const std::filesystem::path& file, ColmapBuilder& builder);
+void read_colmap_points_binary(const std::filesystem::path& file, ColmapBuilder& builder);
+void read_colmap_cameras_text(const std::filesystem::path& file, ColmapBuilder& builder);
+void read_colmap_images_text(const std::filesystem::path& file, ColmapBuilder& builder);
+void read_colmap_points_text(const std::filesystem::path& file, ColmapBuilder& builder);
+
+// True where the folder holds at least one file of a model.
+bool is_colmap_model(const std::filesystem::path& folder);
+
+// Registered images as the file says it, without reading the model; 0 where unreadable.
+uint64_t colmap_image_count(const std::filesystem::path& folder);
+
+// Reads a model, .bin before .txt. Throws Error: a file missing, truncated, damaged, with values
+// that no model can have. Points may be missing (with a warning).
+ColmapModel read_colmap_model(const std::filesystem::path& folder);
+
+// Path of an image below its folder, for names and output: without "..", roots and backslashes.
+std::string clean_image_name(std::string_view name);
+
+// Text from a file made fit for a terminal: control characters as \xNN, cut after 120 characters.
+std::string printable(std::string_view text);
+
+}  // namespace nerf::internal

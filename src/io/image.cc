@@ -1,0 +1,101 @@
+#include "nerf/io/image.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+
+#include <algorithm>
+
+#include "image_decode.h"
+#include "nerf/base/error.h"
+#include "nerf/base/file.h"
+
+namespace nerf {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string writer_for(const fs::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  if (extension == ".png") return "png";
+  if (extension == ".jpg" || extension == ".jpeg") return "jpeg";
+  throw Error("cannot write an image of type '" + extension + "'", path.string(),
+              "use .png, .jpg or .jpeg");
+}
+
+// Encoded in memory, so that what reaches the disk is one plain write with a plain errno.
+std::vector<unsigned char> encode(const std::string& format, const fs::path& path,
+                                  const Image8& image) {
+  const auto out = OIIO::ImageOutput::create(format);
+  if (!out) throw Error("cannot write: " + OIIO::geterror(), path.string());
+  const int channels = format == "jpeg" && image.channels % 2 == 0 ? image.channels - 1
+                                                                   : image.channels;
+  OIIO::ImageSpec spec(image.width, image.height, channels, OIIO::TypeDesc::UINT8);
+  if (channels % 2 == 0) {
+    spec.alpha_channel = channels - 1;
+    spec.attribute("oiio:UnassociatedAlpha", 1);
+  }
+  if (format == "jpeg") spec.attribute("Compression", "jpeg:95");
+  std::vector<unsigned char> bytes;
+  OIIO::Filesystem::IOVecOutput sink(bytes);
+  if (!out->set_ioproxy(&sink) || !out->open(path.string(), spec) ||
+      !out->write_image(OIIO::TypeDesc::UINT8, image.pixels.data(), image.channels) ||
+      !out->close()) {
+    throw Error("cannot write: " + out->geterror(), path.string());
+  }
+  return bytes;
+}
+
+}  // namespace
+
+Image8 read_image_8bit(const fs::path& path) {
+  internal::StoredImage stored = internal::decode_image(path);
+  Image8 image{stored.width, stored.height, stored.channels, {}};
+  if (stored.type == internal::SampleType::k8 && !stored.premultiplied) {
+    image.pixels = std::move(stored.samples8);
+    return image;
+  }
+  return to_8bit(read_image_float(path));
+}
+
+ImageF read_image_float(const fs::path& path) {
+  const internal::StoredImage stored = internal::decode_image(path);
+  ImageF image{stored.width, stored.height, stored.channels, {}};
+  const size_t count = std::max(stored.samples8.size(), stored.samples16.size());
+  image.pixels.resize(count);
+  for (size_t i = 0; i < count; ++i) image.pixels[i] = stored.sample(i);
+  if (stored.premultiplied) {
+    const auto channels = static_cast<size_t>(stored.channels);
+    for (size_t i = 0; i < count; i += channels) {
+      const float alpha = image.pixels[i + channels - 1];
+      for (size_t c = 0; alpha > 0 && c + 1 < channels; ++c) image.pixels[i + c] /= alpha;
+    }
+  }
+  return image;
+}
+
+Image8 to_8bit(const ImageF& image) {
+  Image8 result{image.width, image.height, image.channels, {}};
+  result.pixels.resize(image.pixels.size());
+  std::transform(image.pixels.begin(), image.pixels.end(), result.pixels.begin(), [](float v) {
+    // Written so that a value that is not a number fails the first comparison.
+    const float clamped = v > 0 ? std::min(v, 1.0f) : 0.0f;
+    return static_cast<uint8_t>(clamped * 255.0f + 0.5f);
+  });
+  return result;
+}
+
+void write_image(const fs::path& path, const Image8& image) {
+  const std::string format = writer_for(path);
+  NERF_CHECK_GT(image.width, 0);
+  NERF_CHECK_GT(image.height, 0);
+  NERF_CHECK(image.channels >= 1 && image.channels <= 4);
+  NERF_CHECK_EQ(image.pixels.size(), static_cast<size_t>(image.width) *
+                                         static_cast<size_t>(image.height) *
+                                         static_cast<size_t>(image.channels));
+  write_file_atomically(path, std::span<const uint8_t>(encode(format, path, image)));
+}
+
+}  // namespace nerf

@@ -1,0 +1,31 @@
+// A whole image file in memory in the precision that it is stored in.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+namespace nerf::internal {
+
+enum class SampleType {
+  k8,     // integers, 255 = 1
+  k16,    // integers, 65535 = 1
+  kHalf,  // half floats
+};
+
+struct StoredImage {
+  int width = 0, height = 0;
+  int channels = 0;            // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha
+  bool premultiplied = false;  // colour is multiplied by alpha
+  SampleType type = SampleType::k8;
+  std::vector<uint8_t> samples8;    // k8
+  std::vector<uint16_t> samples16;  // k16, kHalf: integers or bits
+
+  bool has_alpha() const { return channels == 2 || channels == 4; }
+  float sample(size_t i) const;  // as a number, 1 = full
+};
+
+// Throws Error: see read_image_8bit in nerf/io/image.h.
+StoredImage decode_image(const std::filesystem::path& path);
+
+}  // namespace nerf::internal

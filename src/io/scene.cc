@@ -1,0 +1,168 @@
+// load_scene: from what a format's reader found to a scene that can be trained on.
+#include "nerf/io/scene.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+
+#include "nerf/base/file.h"
+#include "scene_detect.h"
+#include "scene_frame.h"
+
+namespace nerf {
+namespace {
+
+using internal::Observation;
+using internal::SceneInput;
+
+constexpr int kHoldoutStride = 8;
+
+// Model, occupancy, optimiser and buffers of the default method. The trainer knows better and may
+// replace the estimate; before it runs, this is what its defaults take.
+constexpr uint64_t kTrainerBytes = uint64_t{300} << 20;
+
+// Sorts views bytewise by name, with what runs parallel to them.
+void sort_views(SceneInput& input) {
+  std::vector<int> order(input.views.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) {
+    return input.views[static_cast<size_t>(a)].name < input.views[static_cast<size_t>(b)].name;
+  });
+  std::vector<View> views;
+  std::vector<char> is_test;
+  std::vector<int32_t> new_index(order.size());
+  for (const int old : order) {
+    new_index[static_cast<size_t>(old)] = static_cast<int32_t>(views.size());
+    views.push_back(std::move(input.views[static_cast<size_t>(old)]));
+    if (!input.is_test.empty()) is_test.push_back(input.is_test[static_cast<size_t>(old)]);
+  }
+  input.views = std::move(views);
+  input.is_test = std::move(is_test);
+  for (Observation& o : input.observations) o.image = new_index[static_cast<size_t>(o.image)];
+}
+
+void split_views(const std::vector<char>& is_test, Scene& scene) {
+  const auto held_out = [&](size_t i) {
+    return is_test.empty() ? i % kHoldoutStride == 0 : is_test[i] != 0;
+  };
+  if (scene.options.split == Split::kNone) {
+    scene.train.resize(scene.views.size());
+    std::iota(scene.train.begin(), scene.train.end(), 0);
+    return;
+  }
+  if (scene.options.split == Split::kDev) {
+    // Test views leave the scene altogether, so that nothing can be tuned on them.
+    std::vector<View> views;
+    for (size_t i = 0; i < scene.views.size(); ++i) {
+      if (!held_out(i)) views.push_back(std::move(scene.views[i]));
+    }
+    scene.views = std::move(views);
+    for (size_t i = 0; i < scene.views.size(); ++i) {
+      (i % kHoldoutStride == 0 ? scene.test : scene.train).push_back(static_cast<int>(i));
+    }
+  } else {
+    for (size_t i = 0; i < scene.views.size(); ++i) {
+      (held_out(i) ? scene.test : scene.train).push_back(static_cast<int>(i));
+    }
+  }
+  if (scene.train.empty()) {
+    throw Error("no image is left to train on", scene.root.string(),
+                "more images are needed, or --holdout none");
+  }
+}
+
+void describe_cameras(const Scene& scene, SceneReport& report) {
+  constexpr size_t kShown = 8;
+  std::map<std::string, int> count;
+  for (const View& view : scene.views) {
+    const Camera& c = scene.cameras[static_cast<size_t>(view.camera)];
+    ++count[fmt::format("{} {}x{}", camera_model_name(c.model), c.width, c.height)];
+  }
+  for (const auto& [name, images] : count) {
+    if (report.camera_models.size() == kShown) {
+      report.camera_models.push_back(fmt::format("and {} more", count.size() - kShown));
+      break;
+    }
+    report.camera_models.push_back(
+        count.size() == 1 ? name : fmt::format("{} ({} images)", name, images));
+  }
+}
+
+void estimate_memory(const SceneInput& input, Scene& scene) {
+  SceneReport& report = scene.report;
+  const auto downscale = static_cast<uint64_t>(scene.options.downscale);
+  report.memory_estimate_bytes = input.decoded_bytes / (downscale * downscale) + kTrainerBytes;
+  report.memory_limit_bytes = available_memory_bytes();
+  if (report.memory_limit_bytes > 0 && report.memory_estimate_bytes > report.memory_limit_bytes) {
+    report.warnings.push_back(fmt::format("the photos may not fit into memory: --downscale {} "
+                                          "takes a quarter of it",
+                                          2 * downscale));
+  }
+}
+
+void check_options(const Scene& scene) {
+  int smallest = 1 << 30;
+  for (const Camera& c : scene.cameras) smallest = std::min({smallest, c.width, c.height});
+  if (scene.options.downscale < 1 || scene.options.downscale > smallest) {
+    throw Error(fmt::format("images cannot be divided by {}", scene.options.downscale),
+                "--downscale",
+                fmt::format("1 to {}, the smallest side of an image", smallest));
+  }
+}
+
+double mean_error(const std::vector<ScenePoint>& points) {
+  double sum = 0;
+  int64_t count = 0;
+  for (const ScenePoint& p : points) {
+    sum += p.error;
+    count += p.error > 0;
+  }
+  return count > 0 ? sum / static_cast<double>(count) : 0;
+}
+
+}  // namespace
+
+Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
+                 const std::function<void(const std::string&)>& progress) {
+  Scene scene;
+  scene.options = options;
+  std::vector<std::string> ignored;
+  const SceneFormat format = options.format == SceneFormat::kAuto
+                                 ? internal::detect_format(path, ignored)
+                                 : options.format;
+  SceneInput input = internal::read_scene_input(path, format, options, progress);
+  scene.root = path;
+  SceneReport& report = scene.report;
+  report.format = input.format;
+  report.ignored = std::move(ignored);
+  report.ignored.insert(report.ignored.end(), input.ignored.begin(), input.ignored.end());
+  report.warnings = std::move(input.warnings);
+
+  internal::resolve_images(input, report, &scene.alpha);
+  if (input.views.size() < 2) {
+    throw Error(fmt::format("there {} registered image{} with a file",
+                            input.views.empty() ? "is no" : "is only one",
+                            input.views.empty() ? "" : ""),
+                path.string(), "a scene needs images from several places, some 20 or more");
+  }
+  sort_views(input);
+  scene.cameras = input.cameras;
+  scene.views = input.views;
+  scene.points = std::move(input.points);
+  check_options(scene);
+  internal::choose_frame(input, scene);
+
+  report.points = static_cast<int>(scene.points.size());
+  report.mean_reprojection_error = mean_error(scene.points);
+  report.mask_convention =
+      "masks: values of 128 and more keep a pixel; masked pixels count neither in training nor in "
+      "metrics";
+  describe_cameras(scene, report);
+  estimate_memory(input, scene);
+  split_views(input.is_test, scene);
+  return scene;
+}
+
+}  // namespace nerf

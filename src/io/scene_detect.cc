@@ -1,0 +1,221 @@
+#include "scene_detect.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "nerf/base/file.h"
+#include "nerf/base/nearest_name.h"
+#include "nerf/io/capture_tools.h"
+#include "paths.h"
+
+namespace nerf::internal {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+namespace {
+
+// COLMAP on a CPU matches every pair of so many frames in minutes.
+constexpr int kMaxVideoFrames = 120;
+
+bool is_video_file(const fs::path& path) {
+  static const std::set<std::string> kExtensions{".mp4", ".mov", ".m4v", ".mkv", ".avi",
+                                                 ".webm", ".mts", ".mpg", ".mpeg"};
+  return kExtensions.count(lower_extension(path)) > 0;
+}
+
+std::vector<fs::path> videos_in(const fs::path& folder) {
+  std::vector<fs::path> found;
+  std::error_code problem;
+  for (fs::directory_iterator it(folder, problem), end; !problem && it != end;
+       it.increment(problem)) {
+    if (is_file(it->path()) && is_video_file(it->path())) found.push_back(it->path());
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+// The folder whose photos count: images/ where it holds any, else the folder itself.
+fs::path photo_folder(const fs::path& root) {
+  return list_images(root / "images").empty() ? root : root / "images";
+}
+
+bool has_format(const fs::path& path, SceneFormat format) {
+  const bool folder = is_folder(path);
+  switch (format) {
+    case SceneFormat::kBlender:
+      return folder ? path_exists(path / "transforms_train.json")
+                    : path.filename() == "transforms_train.json";
+    case SceneFormat::kColmap:
+      return folder && !find_colmap_models(path).empty();
+    case SceneFormat::kTransforms:
+      return folder ? path_exists(path / "transforms.json") : path.extension() == ".json";
+    case SceneFormat::kPhotos:
+      return folder && !list_images(photo_folder(path)).empty();
+    case SceneFormat::kVideo:
+      return folder ? !videos_in(path).empty() : is_video_file(path);
+    case SceneFormat::kAuto:
+      break;
+  }
+  return false;
+}
+
+const char* what_is_wanted(SceneFormat format) {
+  switch (format) {
+    case SceneFormat::kBlender:
+      return "transforms_train.json";
+    case SceneFormat::kColmap:
+      return "a COLMAP model (sparse/0, sparse or colmap/sparse/0)";
+    case SceneFormat::kTransforms:
+      return "transforms.json";
+    case SceneFormat::kPhotos:
+      return "photos (images/ or the folder itself)";
+    case SceneFormat::kVideo:
+      return "a video file";
+    case SceneFormat::kAuto:
+      break;
+  }
+  return "";
+}
+
+fs::path work_folder(const SceneOptions& options) {
+  if (!options.work_folder.empty()) return options.work_folder;
+  throw Error("photos without a camera model need a folder to work in", "work_folder",
+              "name a folder for the run, COLMAP's model is written there");
+}
+
+// What a model in the work folder was made from. Photos that change keep their names seldom, their
+// number and sizes hardly ever.
+json photo_key(const fs::path& photos, const SceneOptions& options) {
+  uint64_t bytes = 0;
+  const std::vector<std::string> names = list_images(photos);
+  for (const std::string& name : names) {
+    std::error_code ignored;
+    const auto size = fs::file_size(photos / name, ignored);
+    if (!ignored) bytes += size;
+  }
+  return {{"photos", fs::weakly_canonical(photos).string()},
+          {"camera_model", options.camera_model},
+          {"count", names.size()},
+          {"bytes", bytes}};
+}
+
+// The model of an earlier run on the same photos, or an empty path.
+fs::path earlier_model(const fs::path& note, const json& key) {
+  if (!is_file(note)) return {};
+  const json stored = json::parse(read_text_file(note, 1 << 20), nullptr, false);
+  if (!stored.is_object() || stored.value("key", json()) != key) return {};
+  const json name = stored.value("model", json());
+  if (!name.is_string()) return {};
+  const fs::path folder = note.parent_path() / name.get<std::string>();
+  return find_colmap_models(folder).empty() ? fs::path{} : folder;
+}
+
+SceneInput read_photos(const fs::path& photos, const fs::path& mask_root,
+                       const SceneOptions& options,
+                       const std::function<void(const std::string&)>& progress) {
+  static const std::vector<std::string> kModels = [] {
+    std::vector<std::string> names;
+    for (int id = 0; const auto model = camera_model_from_id(id); ++id) {
+      names.emplace_back(camera_model_name(*model));
+    }
+    return names;
+  }();
+  if (!camera_model_from_name(options.camera_model)) {
+    throw Error(fmt::format("there is no camera model {}", options.camera_model), "--camera-model",
+                nearest_name_hint(options.camera_model, kModels));
+  }
+  if (is_folder(photos / "masks")) {
+    throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
+                photos.string(), "put the photos into images/ beside masks/");
+  }
+  const fs::path work = work_folder(options);
+  const auto names = list_images(photos);
+  if (names.size() < 2) {
+    throw Error(fmt::format("there are {} photos", names.size()), photos.string(),
+                "a scene needs photos from many places, some 20 or more");
+  }
+  const fs::path note = work / "capture.json";
+  const json key = photo_key(photos, options);
+  fs::path folder = earlier_model(note, key);
+  if (folder.empty()) {
+    folder = run_colmap_on_photos(photos, work, options.camera_model, progress);
+    const fs::path relative = fs::weakly_canonical(folder).lexically_relative(
+        fs::weakly_canonical(work));
+    write_file_atomically(
+        note, std::string_view(json{{"key", key}, {"model", relative.generic_string()}}.dump(1)));
+  } else if (progress) {
+    progress("using the camera model made earlier in " + folder.string());
+  }
+  SceneInput input = read_colmap_scene(folder);
+  input.format = "photos, " + input.format;
+  input.images_total = std::max(input.images_total, static_cast<int>(names.size()));
+  input.mask_folders = {mask_root / "masks"};
+  return input;
+}
+
+}  // namespace
+
+SceneFormat detect_format(const fs::path& path, std::vector<std::string>& ignored) {
+  constexpr std::array<SceneFormat, 5> kOrder{SceneFormat::kBlender, SceneFormat::kColmap,
+                                              SceneFormat::kTransforms, SceneFormat::kPhotos,
+                                              SceneFormat::kVideo};
+  for (size_t i = 0; i < kOrder.size(); ++i) {
+    if (!has_format(path, kOrder[i])) continue;
+    for (size_t j = i + 1; j < kOrder.size(); ++j) {
+      // Photos beside a model are the model's own.
+      if (kOrder[j] == SceneFormat::kPhotos || !is_folder(path)) continue;
+      if (has_format(path, kOrder[j])) ignored.push_back(what_is_wanted(kOrder[j]));
+    }
+    if (path_exists(path / "poses_bounds.npy")) ignored.push_back("poses_bounds.npy");
+    return kOrder[i];
+  }
+  if (is_folder(path)) {
+    std::error_code problem;
+    const bool empty = fs::is_empty(path, problem);
+    throw Error(empty ? "the folder is empty" : "there is no scene in this folder", path.string(),
+                "wanted: transforms_train.json, a COLMAP model in sparse/, transforms.json, photos "
+                "or a video");
+  }
+  throw Error(path_exists(path) ? "the file is neither a transforms .json nor a video"
+                           : "there is no such file or folder",
+              path.string(), "give the folder of a scene");
+}
+
+SceneInput read_scene_input(const fs::path& path, SceneFormat format, const SceneOptions& options,
+                            const std::function<void(const std::string&)>& progress) {
+  if (!path_exists(path)) {
+    throw Error("there is no such file or folder", path.string(), "give the folder of a scene");
+  }
+  if (!has_format(path, format)) {
+    throw Error(fmt::format("there is no {}", what_is_wanted(format)), path.string(),
+                "leave --format out to have the format found");
+  }
+  const bool folder = is_folder(path);
+  switch (format) {
+    case SceneFormat::kBlender:
+      return read_blender_scene(folder ? path : path.parent_path());
+    case SceneFormat::kColmap:
+      return read_colmap_scene(path);
+    case SceneFormat::kTransforms:
+      return read_transforms_scene(folder ? path / "transforms.json" : path);
+    case SceneFormat::kPhotos:
+      return read_photos(photo_folder(path), path, options, progress);
+    case SceneFormat::kVideo: {
+      const fs::path video = folder ? videos_in(path).front() : path;
+      const fs::path work = work_folder(options);
+      const fs::path frames = extract_video_frames(video, work, kMaxVideoFrames, progress);
+      SceneInput input = read_photos(frames, frames.parent_path(), options, progress);
+      input.format = "video " + video.filename().string() + ", " + input.format;
+      return input;
+    }
+    case SceneFormat::kAuto:
+      break;
+  }
+  throw std::logic_error("read_scene_input: format not detected");
+}
+
+}  // namespace nerf::internal

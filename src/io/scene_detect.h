@@ -1,0 +1,21 @@
+// Which of the formats a path holds, and reading it.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+
+#include "scene_input.h"
+
+namespace nerf::internal {
+
+// The first format, in the order of SceneFormat, that `path` has the files of; Error where it has
+// none. Other inputs found beside it go to `ignored`.
+SceneFormat detect_format(const std::filesystem::path& path, std::vector<std::string>& ignored);
+
+// Reads `path` as the format; runs colmap and ffmpeg where it has to.
+SceneInput read_scene_input(const std::filesystem::path& path, SceneFormat format,
+                            const SceneOptions& options,
+                            const std::function<void(const std::string&)>& progress);
+
+}  // namespace nerf::internal

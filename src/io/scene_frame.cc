@@ -1,0 +1,285 @@
+// Centre, scale, near and far. Lengths here are input units until to_engine.scale is known.
+#include "scene_frame.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "scene_limits.h"
+
+namespace nerf::internal {
+namespace {
+
+double max_abs(const Vec3d& v) {
+  return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
+}
+
+// Value at a fraction of the sorted list; the list is reordered. 0 for an empty one.
+double quantile(std::vector<double>& values, double fraction) {
+  if (values.empty()) return 0;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(std::lround(
+                                       fraction * static_cast<double>(values.size() - 1)));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+// Points that several images agree on: what normalisation may rely on.
+std::vector<char> supported_points(const std::vector<ScenePoint>& points) {
+  std::vector<double> errors;
+  for (const ScenePoint& p : points) errors.push_back(p.error);
+  const double limit = std::max(1.0, 2 * quantile(errors, 0.75));
+  std::vector<char> good(points.size());
+  for (size_t i = 0; i < points.size(); ++i) {
+    good[i] = points[i].views >= 3 && points[i].error <= limit;
+  }
+  return good;
+}
+
+// Geometry of the capture in axes that are level but not yet moved or scaled.
+struct Level {
+  Mat3d rotation;
+  std::vector<Vec3d> cameras, forward, points;  // points: supported ones only
+  double spread = 0;                            // median distance of cameras from their median
+
+  Vec3d camera_median() const {
+    Vec3d m;
+    for (int k = 0; k < 3; ++k) {
+      std::vector<double> values;
+      for (const Vec3d& c : cameras) values.push_back(c[k]);
+      m[k] = quantile(values, 0.5);
+    }
+    return m;
+  }
+  // Box of the cameras and of the middle of the points, from quantile q to 1 - q on each axis.
+  Box3 box(double q) const {
+    Box3 b;
+    for (const Vec3d& c : cameras) b.extend(c);
+    if (points.empty()) return b;
+    Vec3d lo, hi;
+    for (int k = 0; k < 3; ++k) {
+      std::vector<double> values;
+      for (const Vec3d& p : points) values.push_back(p[k]);
+      lo[k] = quantile(values, q);
+      hi[k] = quantile(values, 1 - q);
+    }
+    b.extend(lo);
+    b.extend(hi);
+    return b;
+  }
+};
+
+Level make_level(const Scene& scene, const Mat3d& rotation) {
+  Level level;
+  level.rotation = rotation;
+  for (const View& view : scene.views) {
+    level.cameras.push_back(rotation * view.pose.translation);
+    level.forward.push_back(rotation * view.pose.rotation.column(2));
+  }
+  const std::vector<char> good = supported_points(scene.points);
+  for (size_t i = 0; i < scene.points.size(); ++i) {
+    if (good[i]) level.points.push_back(rotation * scene.points[i].position);
+  }
+  const Vec3d middle = level.camera_median();
+  std::vector<double> distances;
+  for (const Vec3d& c : level.cameras) distances.push_back(length(c - middle));
+  level.spread = quantile(distances, 0.5);
+  if (level.spread == 0) level.spread = quantile(distances, 1);
+  return level;
+}
+
+// Tangent of half the smaller field of view, at most that of 100 degrees.
+double half_view(const Camera& camera) {
+  return std::min(1.2, std::min(camera.width / camera.fx(), camera.height / camera.fy()) / 2);
+}
+
+struct Region {
+  Vec3d center;       // level axes
+  double radius = 1;  // half the side of the cube that becomes [-1, 1]^3
+};
+
+// What all pictures show around the focus: the half side of the object's cube is the distance times
+// the tangent of half the field of view. Of cameras at several distances the far ones count, since
+// they are the ones that see the object whole.
+Region bounded_region(const Scene& scene, const Level& level, const Vec3d& focus) {
+  std::vector<double> sizes;
+  for (size_t i = 0; i < scene.views.size(); ++i) {
+    const double depth = dot(focus - level.cameras[i], level.forward[i]);
+    const Camera& camera = scene.cameras[static_cast<size_t>(scene.views[i].camera)];
+    if (depth > 0) sizes.push_back(depth * half_view(camera));
+  }
+  return {focus, sizes.empty() ? level.spread : quantile(sizes, 0.9)};
+}
+
+// All cameras, and for captures that look past each other the central points as well.
+Region unbounded_region(const Level& level, const std::optional<Vec3d>& focus) {
+  constexpr double kMargin = 1.05;  // keeps cameras clear of the box's faces
+  Region region;
+  if (focus) {
+    region.center = *focus;
+  } else if (!level.points.empty()) {
+    region.center = level.box(0.1).center();
+  } else {
+    // Nothing says how far the content is: a few camera spreads ahead (nowhere for captures that
+    // look all around, whose directions cancel out).
+    Vec3d ahead;
+    for (const Vec3d& f : level.forward) ahead = ahead + f;
+    ahead = ahead / static_cast<double>(level.forward.size());
+    region.center = level.camera_median() + ahead * (3 * level.spread);
+  }
+  region.radius = 0;
+  for (const Vec3d& c : level.cameras) {
+    region.radius = std::max(region.radius, kMargin * max_abs(c - region.center));
+  }
+  if (!focus && !level.points.empty()) {
+    const Box3 box = level.box(0.1);
+    region.radius = std::max(region.radius, max_abs(box.max - region.center));
+  }
+  return region;
+}
+
+// Every supported point well inside the cameras' box, and cameras all around: a turntable before a
+// blank wall. Asked strictly, since a background that is cut off cannot be learnt.
+bool all_between_cameras(const Level& level, const Region& region) {
+  if (level.points.size() < 500 || level.cameras.size() < 12) return false;
+  for (const Vec3d& p : level.points) {
+    if (max_abs(p - region.center) > 0.6 * region.radius) return false;
+  }
+  std::array<bool, 12> sector{};
+  for (const Vec3d& c : level.cameras) {
+    const double turn = std::atan2(c.y - region.center.y, c.x - region.center.x) /
+                            (2 * std::numbers::pi) + 0.5;
+    sector[static_cast<size_t>(std::min(11.0, turn * 12))] = true;
+  }
+  return std::count(sector.begin(), sector.end(), true) >= 10;
+}
+
+// Distances from a point outside or inside to the nearest and the farthest place of [-1, 1]^3.
+void box_distances(const Vec3d& p, double* nearest, double* farthest) {
+  Vec3d lo, hi;
+  for (int k = 0; k < 3; ++k) {
+    lo[k] = std::max(0.0, std::abs(p[k]) - 1);
+    hi[k] = std::abs(p[k]) + 1;
+  }
+  *nearest = length(lo);
+  *farthest = length(hi);
+}
+
+void bounded_near_far(Scene& scene) {
+  double near = 1e300, far = 0;
+  for (const View& view : scene.views) {
+    double n, f;
+    box_distances(scene.to_engine.apply(view.pose.translation), &n, &f);
+    near = std::min(near, n);
+    far = std::max(far, f);
+  }
+  scene.near = std::max(0.02, near);  // of a camera inside the box: clear of its lens
+  scene.far = far;
+}
+
+void unbounded_near_far(const SceneInput& input, Scene& scene, bool has_focus) {
+  const std::vector<char> good = supported_points(scene.points);
+  std::vector<double> distances;
+  for (const Observation& o : input.observations) {
+    const auto point = static_cast<size_t>(o.point);
+    if (!good[point]) continue;
+    distances.push_back(length(scene.points[point].position -
+                               scene.views[static_cast<size_t>(o.image)].pose.translation) *
+                        scene.to_engine.scale);
+  }
+  constexpr double kBoxDiagonal = 3.5;  // 2 sqrt(3): a ray through the inner box ends inside far
+  if (distances.size() >= 50) {
+    const double middle = quantile(distances, 0.5);
+    scene.near = std::clamp(0.5 * quantile(distances, 0.001), 1e-3 * middle, 0.5 * middle);
+    scene.far = std::max(kBoxDiagonal, 1.5 * quantile(distances, 0.999));
+    return;
+  }
+  double closest = 1e300;
+  for (const View& view : scene.views) {
+    closest = std::min(closest, length(scene.to_engine.apply(view.pose.translation)));
+  }
+  scene.near = has_focus ? std::max(0.01, 0.1 * closest) : 0.02;
+  scene.far = 50;
+}
+
+Vec3d option_up(const Vec3d& up) {
+  if (!coordinate_ok(up) || !(length(up) > 0)) {
+    throw Error("the up direction is zero or not finite", "--up", "for example --up 0,0,1");
+  }
+  return normalized(up);
+}
+
+void check_bbox(const Box3& box) {
+  const Vec3d size = box.size();
+  if (!coordinate_ok(box.min) || !coordinate_ok(box.max) ||
+      !(size.x > 0 && size.y > 0 && size.z > 0)) {
+    throw Error("the box is empty or not finite", "--bbox",
+                "six numbers: the smallest x, y, z and the largest, in the scene's coordinates");
+  }
+}
+
+}  // namespace
+
+void choose_frame(const SceneInput& input, Scene& scene) {
+  SceneReport& report = scene.report;
+  Vec3d up;
+  if (scene.options.up) {
+    up = option_up(*scene.options.up);
+  } else {
+    up = estimate_up(scene.views, report.warnings);
+    // Blender's world has +z up by its own convention; an estimate near it is rounding.
+    if (input.blender && up.z > 0.98) up = {0, 0, 1};
+  }
+  const Mat3d rotation = rotation_to_z(up);
+  const Level level = make_level(scene, rotation);
+  if (!(level.spread > 0)) {
+    throw Error("all cameras stand at one point: there is no parallax to reconstruct from",
+                scene.root.string(), "photos must be taken from different places");
+  }
+  auto focus = estimate_focus(scene.views);
+  if (focus) focus = rotation * *focus;
+
+  Region region;
+  if (scene.options.bbox) {
+    check_bbox(*scene.options.bbox);
+    const Box3& box = *scene.options.bbox;
+    region.center = rotation * box.center();
+    region.radius = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      const Vec3d c{corner & 1 ? box.max.x : box.min.x, corner & 2 ? box.max.y : box.min.y,
+                    corner & 4 ? box.max.z : box.min.z};
+      region.radius = std::max(region.radius, max_abs(rotation * c - region.center));
+    }
+    scene.unbounded = false;
+  } else if (scene.alpha) {
+    region = bounded_region(scene, level,
+                            focus.value_or(unbounded_region(level, std::nullopt).center));
+    scene.unbounded = false;
+  } else {
+    region = unbounded_region(level, focus);
+    scene.unbounded = !(focus && all_between_cameras(level, region));
+    if (!scene.unbounded) {
+      report.warnings.push_back(
+          "every point lies between the cameras: the scene is taken to end there");
+    }
+  }
+  Similarity& to_engine = scene.to_engine;
+  to_engine.rotation = rotation;
+  to_engine.center = rotation.transposed() * region.center;
+  to_engine.scale = 1 / region.radius;
+  if (!std::isfinite(to_engine.scale) || !(to_engine.scale > 0)) {
+    throw Error("the scene has no size", scene.root.string(), "check the camera positions");
+  }
+  if (scene.unbounded) {
+    unbounded_near_far(input, scene, focus.has_value());
+  } else {
+    bounded_near_far(scene);
+  }
+  report.up = up;
+  report.near = scene.near / to_engine.scale;
+  report.far = scene.far / to_engine.scale;
+  report.extent = make_level(scene, Mat3d{}).box(0.05);
+}
+
+}  // namespace nerf::internal

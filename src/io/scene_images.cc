@@ -1,0 +1,219 @@
+// The files behind the views: do they exist, what size are they, are there masks and alpha.
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "nerf/io/image.h"
+#include "paths.h"
+#include "scene_input.h"
+#include "scene_limits.h"
+
+namespace nerf::internal {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr size_t kNamesShown = 5;
+
+void drop_missing(SceneInput& input, SceneReport& report) {
+  std::vector<int32_t> kept_index(input.views.size(), -1);
+  std::vector<View> kept;
+  std::vector<char> kept_test;
+  for (size_t i = 0; i < input.views.size(); ++i) {
+    if (is_file(input.views[i].image_path)) {
+      kept_index[i] = static_cast<int32_t>(kept.size());
+      kept.push_back(std::move(input.views[i]));
+      if (!input.is_test.empty()) kept_test.push_back(input.is_test[i]);
+    } else {
+      ++report.images_missing;
+      if (report.missing_names.size() < kNamesShown) {
+        report.missing_names.push_back(printable(input.views[i].name));
+      }
+    }
+  }
+  input.views = std::move(kept);
+  input.is_test = std::move(kept_test);
+  std::vector<Observation> seen;
+  for (const Observation& o : input.observations) {
+    const int32_t view = kept_index[static_cast<size_t>(o.image)];
+    if (view >= 0) seen.push_back({view, o.point});
+  }
+  input.observations = std::move(seen);
+
+  if (report.images_missing == 0) return;
+  const std::string which = fmt::format("{}", fmt::join(report.missing_names, ", "));
+  const char* more = report.images_missing > static_cast<int>(kNamesShown) ? ", ..." : "";
+  if (2 * input.views.size() < static_cast<size_t>(report.images_registered)) {
+    throw Error(fmt::format("{} of {} registered images are missing: {}{}", report.images_missing,
+                            report.images_registered, which, more),
+                input.image_folder.string(), "put the images back under these names");
+  }
+  report.warnings.push_back(fmt::format("{} of {} registered images are missing: {}{}",
+                                        report.images_missing, report.images_registered, which,
+                                        more));
+}
+
+// The camera for an image of w x h, which may have been resized since the model was made.
+Camera fit_camera(const Camera& camera, int w, int h, const View& view) {
+  if (camera.width == w && camera.height == h) return camera;
+  // Rounding of a resized side to whole pixels, or 2 %, whichever is more.
+  const auto same_shape = [](double w1, double h1, double w2, double h2) {
+    return std::abs(w1 * h2 / w2 - h1) <= std::max(2.0, 0.02 * h1);
+  };
+  const std::string sizes = fmt::format("the image is {} x {} pixels and its camera {} x {}", w, h,
+                                        camera.width, camera.height);
+  if (!same_shape(w, h, camera.width, camera.height)) {
+    if (same_shape(h, w, camera.width, camera.height)) {
+      throw Error(sizes + ": one of them is turned by 90 degrees", view.image_path.string(),
+                  "images are read as stored, EXIF orientation is never applied: store the image "
+                  "as the model saw it, or run COLMAP on it as it is stored");
+    }
+    throw Error(sizes + ": it was cropped or belongs to another model", view.image_path.string(),
+                "images may be resized after COLMAP, but keep their shape");
+  }
+  return camera.scaled_to(w, h);
+}
+
+// Cameras at the size of the stored images; only those that a view uses, each once.
+void fit_cameras(SceneInput& input, int* with_alpha) {
+  std::vector<Camera> cameras;
+  std::map<std::tuple<int, int, int>, int> index;
+  for (View& view : input.views) {
+    const ImageInfo info = read_image_info(view.image_path);
+    if (info.width < 1 || info.height < 1 || info.width > kMaxImageSide ||
+        info.height > kMaxImageSide || int64_t{info.width} * info.height > kMaxImagePixels) {
+      throw Error(fmt::format("the image says {} x {} pixels", info.width, info.height),
+                  view.image_path.string(), kImageSizeHint);
+    }
+    const bool has_alpha = info.channels == 2 || info.channels == 4;
+    *with_alpha += has_alpha;
+    input.decoded_bytes += static_cast<uint64_t>(info.width) * static_cast<uint64_t>(info.height) *
+                           (has_alpha ? 4 : 3) * (info.half_or_16bit ? 2 : 1);
+    const auto [it, is_new] = index.emplace(std::tuple{view.camera, info.width, info.height},
+                                            static_cast<int>(cameras.size()));
+    if (is_new) {
+      cameras.push_back(fit_camera(input.cameras[static_cast<size_t>(view.camera)], info.width,
+                                   info.height, view));
+    }
+    view.camera = it->second;
+  }
+  input.cameras = std::move(cameras);
+}
+
+// Screenshots and some converters store an alpha channel that is opaque everywhere: a few pictures
+// tell. What cannot be read is left to the photo loader, which says why.
+bool any_transparency(const SceneInput& input) {
+  constexpr size_t kLooks = 5;
+  for (size_t i = 0; i < kLooks; ++i) {
+    const View& view = input.views[i * (input.views.size() - 1) / (kLooks - 1)];
+    auto in = OIIO::ImageInput::open(view.image_path.string());
+    if (!in) continue;
+    const OIIO::ImageSpec spec = in->spec();
+    if (spec.nchannels != 2 && spec.nchannels != 4) continue;
+    std::vector<float> row(static_cast<size_t>(spec.width));
+    for (int y = 0; y < spec.height; ++y) {
+      if (!in->read_scanlines(0, 0, spec.y + y, spec.y + y + 1, 0, spec.nchannels - 1,
+                              spec.nchannels, OIIO::TypeDesc::FLOAT, row.data())) {
+        break;
+      }
+      if (std::any_of(row.begin(), row.end(), [](float a) { return a < 1; })) return true;
+    }
+  }
+  return false;
+}
+
+void find_masks(SceneInput& input, SceneReport& report) {
+  for (View& view : input.views) {
+    if (!view.mask_path.empty()) {
+      if (is_file(view.mask_path)) continue;
+      report.warnings.push_back(fmt::format("mask {} does not exist: {} is used whole",
+                                            printable(view.mask_path.string()),
+                                            printable(view.name)));
+      view.mask_path.clear();
+      continue;
+    }
+    const fs::path name =
+        view.image_path.lexically_relative(input.image_folder).lexically_normal();
+    if (name.empty() || *name.begin() == "..") continue;
+    fs::path with_png = name, other_extension = name;
+    with_png += ".png";
+    other_extension.replace_extension(".png");
+    for (const fs::path& folder : input.mask_folders) {
+      for (const fs::path& candidate : {name, with_png, other_extension}) {
+        if (view.mask_path.empty() && is_file(folder / candidate)) {
+          view.mask_path = folder / candidate;
+        }
+      }
+    }
+  }
+  const auto masks = std::count_if(input.views.begin(), input.views.end(),
+                                   [](const View& view) { return !view.mask_path.empty(); });
+  for (const View& view : input.views) {
+    const Camera& camera = input.cameras[static_cast<size_t>(view.camera)];
+    if (!view.mask_path.empty()) {
+      input.decoded_bytes += static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
+    }
+  }
+  report.masks = static_cast<int>(masks);
+  if (masks > 0 && masks < static_cast<std::ptrdiff_t>(input.views.size())) {
+    report.warnings.push_back(fmt::format("{} of {} images have no mask and are used whole",
+                                          input.views.size() - static_cast<size_t>(masks),
+                                          input.views.size()));
+  }
+  if (masks == 0) {
+    for (const fs::path& folder : input.mask_folders) {
+      const size_t files = list_images(folder).size();
+      if (files == 0) continue;
+      report.warnings.push_back(
+          fmt::format("{} holds {} files, none named after an image: masks are not used",
+                      folder.string(), files));
+      break;
+    }
+  }
+}
+
+}  // namespace
+
+bool is_image_file(const fs::path& path) {
+  static const std::set<std::string> kExtensions{".jpg", ".jpeg", ".png",  ".tif", ".tiff", ".exr",
+                                                 ".bmp", ".webp", ".heic", ".hdr", ".ppm",  ".tga"};
+  const std::string name = path.filename().string();
+  return !name.empty() && name.front() != '.' && kExtensions.count(lower_extension(path)) > 0;
+}
+
+std::vector<std::string> list_images(const fs::path& folder) {
+  std::vector<std::string> names;
+  std::error_code problem;
+  fs::recursive_directory_iterator it(folder, fs::directory_options::skip_permission_denied,
+                                      problem);
+  for (const fs::recursive_directory_iterator end; !problem && it != end; it.increment(problem)) {
+    if (is_file(it->path()) && is_image_file(it->path())) {
+      names.push_back(clean_image_name(it->path().lexically_relative(folder).generic_string()));
+    }
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+void resolve_images(SceneInput& input, SceneReport& report, bool* alpha) {
+  report.images_registered = static_cast<int>(input.views.size());
+  report.images_total = std::max(input.images_total, report.images_registered);
+  drop_missing(input, report);
+  int with_alpha = 0;
+  fit_cameras(input, &with_alpha);
+  *alpha = with_alpha > 0 && any_transparency(input);
+  if (*alpha && with_alpha < static_cast<int>(input.views.size())) {
+    report.warnings.push_back(fmt::format("{} of {} images have no alpha and count as opaque",
+                                          input.views.size() - static_cast<size_t>(with_alpha),
+                                          input.views.size()));
+  }
+  find_masks(input, report);
+}
+
+}  // namespace nerf::internal

@@ -1,0 +1,48 @@
+// A capture as its files say it, before images are looked at and the engine's frame is chosen: what
+// every format's reader fills in.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "colmap.h"
+#include "nerf/io/scene.h"
+
+namespace nerf::internal {
+
+struct SceneInput {
+  std::string format;
+  std::vector<Camera> cameras;       // as the files say it; width 0 where they do not say
+  std::vector<View> views;           // registered; image_path is where the image should be
+  std::vector<char> is_test;         // parallel to views; empty where the files make no split
+  std::vector<ScenePoint> points;
+  std::vector<Observation> observations;  // indices into views and points
+  std::filesystem::path image_folder;     // what View::name is relative to, for masks
+  std::vector<std::filesystem::path> mask_folders;  // looked into in this order
+  int images_total = 0;              // listed by the files or found beside the registered ones
+  uint64_t decoded_bytes = 0;        // of all photos and masks in memory, at full size
+  bool blender = false;              // rendered: +z is up, and alpha, where there is any, is real
+  std::vector<std::string> ignored, warnings;
+};
+
+// root/sparse/N, root/sparse, root/colmap/sparse/N, root/colmap/sparse or root itself.
+std::vector<std::filesystem::path> find_colmap_models(const std::filesystem::path& root);
+SceneInput read_colmap_scene(const std::filesystem::path& root);
+
+// transforms.json of nerfstudio or instant-ngp.
+SceneInput read_transforms_scene(const std::filesystem::path& file);
+// transforms_train.json with transforms_test.json or transforms_val.json beside it.
+SceneInput read_blender_scene(const std::filesystem::path& root);
+
+// Looks at every view's image (its header) and mask: leaves out views without a file, scales
+// cameras to the size of the stored image, fills in the report's counts. Sets *alpha. Throws Error:
+// unreadable, transposed or cropped images, more than half missing.
+void resolve_images(SceneInput& input, SceneReport& report, bool* alpha);
+
+bool is_image_file(const std::filesystem::path& path);
+// Image files below a folder, as clean names, sorted bytewise; empty where there is no such folder.
+std::vector<std::string> list_images(const std::filesystem::path& folder);
+
+}  // namespace nerf::internal

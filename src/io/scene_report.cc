@@ -1,0 +1,74 @@
+#include <fmt/format.h>
+
+#include <string>
+#include <string_view>
+
+#include "nerf/io/scene.h"
+
+namespace nerf {
+namespace {
+
+std::string size_text(uint64_t bytes) {
+  const double mb = static_cast<double>(bytes) / (1 << 20);
+  return mb < 1024 ? fmt::format("{:.0f} MB", mb) : fmt::format("{:.1f} GB", mb / 1024);
+}
+
+std::string vector_text(const Vec3d& v) {
+  return fmt::format("({:.4g}, {:.4g}, {:.4g})", v.x, v.y, v.z);
+}
+
+class Lines {
+ public:
+  void add(std::string_view label, const std::string& text) {
+    out_ += fmt::format("{:<14}{}\n", label, text);
+  }
+  template <class List>
+  void add_list(std::string_view label, const List& list) {
+    for (size_t i = 0; i < list.size(); ++i) add(i == 0 ? label : "", list[i]);
+  }
+  std::string take() { return std::move(out_); }
+
+ private:
+  std::string out_;
+};
+
+}  // namespace
+
+std::string format_report(const SceneReport& r) {
+  Lines lines;
+  lines.add("scene", r.format);
+  std::string images = fmt::format("{} registered of {}", r.images_registered, r.images_total);
+  if (r.images_missing > 0) images += fmt::format(", {} missing", r.images_missing);
+  lines.add("images", images);
+  lines.add_list("cameras", r.camera_models);
+  if (r.points > 0) {
+    lines.add("points",
+              r.mean_reprojection_error > 0
+                  ? fmt::format("{}, mean reprojection error {:.2f} px", r.points,
+                                r.mean_reprojection_error)
+                  : fmt::format("{}", r.points));
+  } else {
+    lines.add("points", "none");
+  }
+  lines.add("extent", fmt::format("{} to {}", vector_text(r.extent.min), vector_text(r.extent.max)));
+  lines.add("near, far", fmt::format("{:.4g}, {:.4g}", r.near, r.far));
+  lines.add("up", vector_text(r.up));
+  if (r.masks > 0) {
+    std::string masks = fmt::format("{} of {} images", r.masks,
+                                    r.images_registered - r.images_missing);
+    if (r.fraction_masked > 0) {
+      masks += fmt::format(", {:.1f} % of all pixels masked out", 100 * r.fraction_masked);
+    }
+    lines.add("masks", masks);
+    lines.add("", r.mask_convention);
+  }
+  lines.add("memory", r.memory_limit_bytes > 0
+                          ? fmt::format("about {} of {}", size_text(r.memory_estimate_bytes),
+                                        size_text(r.memory_limit_bytes))
+                          : fmt::format("about {}", size_text(r.memory_estimate_bytes)));
+  lines.add_list("ignored", r.ignored);
+  lines.add_list("warning", r.warnings);
+  return lines.take();
+}
+
+}  // namespace nerf

@@ -1,0 +1,96 @@
+#include "nerf/kernels/elementwise.h"
+
+#include "nerf/kernels/linear.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "kernels/elementwise_simd.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+#include <hwy/contrib/math/math-inl.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace nerf {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::ScalableTag<float>;
+
+template <class Body>
+HWY_INLINE void each(int64_t n, const Body& body) {
+  const int64_t lanes = static_cast<int64_t>(hn::Lanes(D()));
+  const int64_t end = round_up(n, kLane);
+  for (int64_t i = 0; i < end; i += lanes) body(D(), i);
+}
+
+void exp_forward(int64_t n, const float* x, float* y) {
+  each(n, [=](D d, int64_t i) {
+    hn::Store(hn::Exp(d, hn::Min(hn::Load(d, x + i), hn::Set(d, kMaxLogDensity))), d, y + i);
+  });
+}
+
+void exp_backward(int64_t n, const float* x, const float* dy, float* dx) {
+  each(n, [=](D d, int64_t i) {
+    const auto at = hn::Min(hn::Max(hn::Load(d, x + i), hn::Set(d, -15.0f)), hn::Set(d, 15.0f));
+    hn::Store(hn::Mul(hn::Exp(d, at), hn::Load(d, dy + i)), d, dx + i);
+  });
+}
+
+void sigmoid(int64_t n, const float* x, float* y) {
+  each(n, [=](D d, int64_t i) {
+    const auto one = hn::Set(d, 1.0f);
+    // exp of a large positive argument overflows to infinity, whose reciprocal is the right 0.
+    hn::Store(hn::Div(one, hn::Add(one, hn::Exp(d, hn::Neg(hn::Load(d, x + i))))), d, y + i);
+  });
+}
+
+void sigmoid_gradient(int64_t n, const float* y, const float* dy, float* dx) {
+  each(n, [=](D d, int64_t i) {
+    const auto v = hn::Load(d, y + i);
+    hn::Store(hn::Mul(hn::Load(d, dy + i), hn::NegMulAdd(v, v, v)), d, dx + i);
+  });
+}
+
+void alpha(int64_t n, const float* density, const float* delta, float* out) {
+  each(n, [=](D d, int64_t i) {
+    const auto tau = hn::Mul(hn::Load(d, density + i), hn::Load(d, delta + i));
+    hn::Store(hn::Neg(hn::Expm1(d, hn::Max(hn::Neg(tau), hn::Set(d, -80.0f)))), d, out + i);
+  });
+}
+
+void add(int64_t n, const float* x, float* y) {
+  each(n, [=](D d, int64_t i) {
+    hn::Store(hn::Add(hn::Load(d, x + i), hn::Load(d, y + i)), d, y + i);
+  });
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace nerf
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace nerf {
+HWY_EXPORT(exp_forward);
+HWY_EXPORT(exp_backward);
+HWY_EXPORT(sigmoid);
+HWY_EXPORT(sigmoid_gradient);
+HWY_EXPORT(alpha);
+HWY_EXPORT(add);
+
+void truncated_exp_forward(int64_t n, const float* x, float* y) {
+  HWY_DYNAMIC_DISPATCH(exp_forward)(n, x, y);
+}
+void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* dx) {
+  HWY_DYNAMIC_DISPATCH(exp_backward)(n, x, dy, dx);
+}
+void sigmoid_forward(int64_t n, const float* x, float* y) { HWY_DYNAMIC_DISPATCH(sigmoid)(n, x, y); }
+void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx) {
+  HWY_DYNAMIC_DISPATCH(sigmoid_gradient)(n, y, dy, dx);
+}
+void opacity(int64_t n, const float* density, const float* delta, float* out) {
+  HWY_DYNAMIC_DISPATCH(alpha)(n, density, delta, out);
+}
+void add_to(int64_t n, const float* x, float* y) { HWY_DYNAMIC_DISPATCH(add)(n, x, y); }
+}  // namespace nerf
+#endif

@@ -1,0 +1,290 @@
+// Projection and its inverse for all camera models. Formulas: COLMAP's src/colmap/sensor/models
+// (ids 0 to 10 as published with COLMAP, Schoenberger and Frahm, CVPR 2016), OpenCV's calib3d
+// documentation for the radial, tangential and thin-prism terms, Devernay and Faugeras 2001 for FOV,
+// Project Aria's "FisheyeRadTanThinPrism" for id 11.
+//
+// Notation: (u, v) a point of the undistorted plane: (x/z, y/z) of a pinhole-like model, or the
+// direction's angle theta times the unit vector of (x, y) of a fisheye; s = u^2 + v^2; (p, q) the
+// distorted point; pixel = (fx p + cx, fy q + cy).
+#include "nerf/math/camera.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "polynomial.h"
+
+namespace nerf {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+// All models but FOV as one: radial factor N(s) / D(s), then tangential and thin-prism terms, which
+// model 11 computes from the radially distorted point and the others from (u, v).
+struct Lens {
+  double fx = 0, fy = 0, cx = 0, cy = 0;
+  bool fisheye = false;
+  bool distorted = false;
+  internal::Polynomial<7> numerator;
+  internal::Polynomial<4> denominator;
+  double p1 = 0, p2 = 0;
+  double prism[4] = {0, 0, 0, 0};
+  bool after_radial = false;
+};
+
+Lens make_lens(const Camera& camera) {
+  Lens lens;
+  lens.fx = camera.fx();
+  lens.fy = camera.fy();
+  lens.cx = camera.cx();
+  lens.cy = camera.cy();
+  auto& n = lens.numerator;
+  auto& d = lens.denominator;
+  n.c[0] = d.c[0] = 1;
+  const auto& k = camera.params;
+  const auto radial = [&](size_t first, size_t count) {
+    for (size_t i = 0; i < count; ++i) n.c[i + 1] = k[first + i];
+  };
+  switch (camera.model) {
+    case CameraModel::kSimplePinhole:
+    case CameraModel::kPinhole:
+    case CameraModel::kFov:
+      break;
+    case CameraModel::kSimpleRadialFisheye:
+      lens.fisheye = true;
+      [[fallthrough]];
+    case CameraModel::kSimpleRadial:
+      radial(3, 1);
+      break;
+    case CameraModel::kRadialFisheye:
+      lens.fisheye = true;
+      [[fallthrough]];
+    case CameraModel::kRadial:
+      radial(3, 2);
+      break;
+    case CameraModel::kOpenCVFisheye:
+      lens.fisheye = true;
+      radial(4, 4);
+      break;
+    case CameraModel::kFullOpenCV:
+      n.c[3] = k[8];
+      for (size_t i = 0; i < 3; ++i) d.c[i + 1] = k[9 + i];
+      [[fallthrough]];
+    case CameraModel::kOpenCV:
+      radial(4, 2);
+      lens.p1 = k[6];
+      lens.p2 = k[7];
+      break;
+    case CameraModel::kThinPrismFisheye:
+      lens.fisheye = true;
+      radial(4, 2);
+      lens.p1 = k[6];
+      lens.p2 = k[7];
+      n.c[3] = k[8];
+      n.c[4] = k[9];
+      lens.prism[0] = k[10];
+      lens.prism[2] = k[11];
+      break;
+    case CameraModel::kRadTanThinPrismFisheye:
+      lens.fisheye = true;
+      lens.after_radial = true;
+      radial(4, 6);
+      lens.p2 = k[10];  // Aria's p0 is the coefficient of x (r^2 + 2 x^2), OpenCV's p2
+      lens.p1 = k[11];
+      for (size_t i = 0; i < 4; ++i) lens.prism[i] = k[12 + i];
+      break;
+  }
+  n.size = n.c.size();
+  d.size = d.c.size();
+  n.trim();
+  d.trim();
+  lens.distorted = n.size > 1 || d.size > 1 || lens.p1 != 0 || lens.p2 != 0;
+  for (double s : lens.prism) lens.distorted = lens.distorted || s != 0;
+  return lens;
+}
+
+// A value with its derivatives by u and v: gives Newton's Jacobian from the formula itself.
+struct Dual {
+  double a, du, dv;
+};
+Dual operator+(const Dual& x, const Dual& y) { return {x.a + y.a, x.du + y.du, x.dv + y.dv}; }
+Dual operator+(const Dual& x, double y) { return {x.a + y, x.du, x.dv}; }
+Dual operator*(const Dual& x, const Dual& y) {
+  return {x.a * y.a, x.a * y.du + x.du * y.a, x.a * y.dv + x.dv * y.a};
+}
+Dual operator*(double x, const Dual& y) { return {x * y.a, x * y.du, x * y.dv}; }
+Dual operator/(const Dual& x, const Dual& y) {
+  const double q = x.a / y.a;
+  return {q, (x.du - q * y.du) / y.a, (x.dv - q * y.dv) / y.a};
+}
+
+template <size_t kCapacity>
+Dual evaluate(const internal::Polynomial<kCapacity>& poly, const Dual& s) {
+  Dual r{0, 0, 0};
+  for (size_t i = poly.size; i-- > 0;) r = r * s + poly.c[i];
+  return r;
+}
+
+struct Distorted {
+  Dual p, q;
+  double det() const { return p.du * q.dv - p.dv * q.du; }
+};
+
+Distorted distort(const Lens& lens, const Vec2d& uv) {
+  const Dual u{uv.x, 1, 0}, v{uv.y, 0, 1};
+  const Dual s = u * u + v * v;
+  Dual radial = evaluate(lens.numerator, s);
+  if (lens.denominator.size > 1) radial = radial / evaluate(lens.denominator, s);
+  const Dual p = u * radial, q = v * radial;
+  const Dual x = lens.after_radial ? p : u, y = lens.after_radial ? q : v;
+  const Dual xx = x * x, yy = y * y, xy = x * y;
+  const Dual r2 = xx + yy, r4 = r2 * r2;
+  Distorted out;
+  out.p = p + 2 * lens.p1 * xy + lens.p2 * (r2 + 2 * xx) + lens.prism[0] * r2 + lens.prism[1] * r4;
+  out.q = q + 2 * lens.p2 * xy + lens.p1 * (r2 + 2 * yy) + lens.prism[2] * r2 + lens.prism[3] * r4;
+  return out;
+}
+
+// Whether the lens is one-to-one from the axis out to s = r^2: r N(s)/D(s) rises all the way,
+// that is N D + 2 s (N' D - N D') > 0 and D > 0 on [0, s]. Beyond that a distortion folds back, and
+// what it says there is an artefact of its polynomial.
+bool radially_monotonic(const Lens& lens, double s) {
+  if (lens.fisheye && !(s < kPi * kPi)) return false;
+  const auto& n = lens.numerator;
+  const auto& d = lens.denominator;
+  if (d.size > 1 && !internal::positive_on(d, s)) return false;
+  auto slope = internal::multiply<10>(n, d);
+  const auto rise = internal::multiply<10>(internal::times_x_derivative(n), d);
+  const auto fall = internal::multiply<10>(n, internal::times_x_derivative(d));
+  for (size_t i = 0; i < slope.size; ++i) slope.c[i] += 2 * (rise.c[i] - fall.c[i]);
+  return internal::positive_on(slope, s);
+}
+
+// Solves distort(uv) = target from *uv, all in the normalised plane.
+bool newton(const Lens& lens, const Vec2d& target, Vec2d* uv) {
+  const double scale = 1 + std::hypot(target.x, target.y);
+  Vec2d at = *uv;
+  for (int iteration = 0; iteration < 40; ++iteration) {
+    const Distorted d = distort(lens, at);
+    const double fp = d.p.a - target.x, fq = d.q.a - target.y;
+    const double det = d.det();
+    if (!(det > 0)) return false;  // also when NaN
+    const double du = (fp * d.q.dv - fq * d.p.dv) / det;
+    const double dv = (fq * d.p.du - fp * d.q.du) / det;
+    at.x -= du;
+    at.y -= dv;
+    if (!std::isfinite(at.x) || !std::isfinite(at.y)) return false;
+    if (std::hypot(du, dv) <= 1e-14 * scale) {
+      *uv = at;
+      return true;
+    }
+  }
+  // Rounding can keep the step above the bound near a fold: what counts is the residual.
+  const Distorted d = distort(lens, at);
+  if (!(std::hypot(d.p.a - target.x, d.q.a - target.y) <= 1e-11 * scale)) return false;
+  *uv = at;
+  return true;
+}
+
+bool one_to_one_at(const Lens& lens, const Vec2d& uv) {
+  return radially_monotonic(lens, uv.x * uv.x + uv.y * uv.y) && distort(lens, uv).det() > 0;
+}
+
+std::optional<Vec2d> undistort(const Lens& lens, const Vec2d& target) {
+  if (!lens.distorted) {
+    if (lens.fisheye && !(std::hypot(target.x, target.y) < kPi)) return std::nullopt;
+    return target;
+  }
+  Vec2d uv = target;
+  if (newton(lens, target, &uv) && one_to_one_at(lens, uv)) return uv;
+  // Followed from the axis outwards, the solution stays on the branch that starts there.
+  constexpr int kSteps = 32;
+  uv = {0, 0};
+  for (int i = 1; i <= kSteps; ++i) {
+    const double t = static_cast<double>(i) / kSteps;
+    if (!newton(lens, {target.x * t, target.y * t}, &uv)) return std::nullopt;
+  }
+  if (!one_to_one_at(lens, uv)) return std::nullopt;
+  return uv;
+}
+
+// FOV: r_d = atan(2 r tan(w/2)) / w. Exact also for small w, where COLMAP switches to a series.
+double fov_distorted_ratio(double omega, double r) {
+  if (omega == 0) return 1;
+  const double k = 2 * std::tan(omega / 2);
+  return r * k < 1e-8 ? k / omega : std::atan(r * k) / (r * omega);
+}
+std::optional<double> fov_undistorted_ratio(double omega, double r) {
+  if (omega == 0) return 1;
+  if (!(r * omega < kPi / 2)) return std::nullopt;
+  const double k = 2 * std::tan(omega / 2);
+  return r * omega < 1e-8 ? omega / k : std::tan(r * omega) / (r * k);
+}
+
+bool usable(const Camera& camera, const Lens& lens) {
+  for (int i = 0; i < camera_model_params(camera.model); ++i) {
+    if (!std::isfinite(camera.params[static_cast<size_t>(i)])) return false;
+  }
+  if (camera.model == CameraModel::kFov && !(std::abs(camera.params[4]) < kPi)) return false;
+  return lens.fx > 0 && lens.fy > 0;
+}
+
+bool finite(const Vec2d& v) { return std::isfinite(v.x) && std::isfinite(v.y); }
+bool finite(const Vec3d& v) { return finite(Vec2d{v.x, v.y}) && std::isfinite(v.z); }
+
+}  // namespace
+
+std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction) {
+  const Lens lens = make_lens(camera);
+  if (!usable(camera, lens) || !finite(direction)) return std::nullopt;
+  Vec2d uv;
+  if (lens.fisheye) {
+    const double rho = std::hypot(direction.x, direction.y);
+    const double theta = std::atan2(rho, direction.z);
+    if (rho > 0) {
+      uv = {direction.x / rho * theta, direction.y / rho * theta};
+    } else if (!(direction.z > 0)) {
+      return std::nullopt;  // zero, or straight back, which is a whole circle of the image
+    }
+  } else {
+    if (!(direction.z > 0)) return std::nullopt;
+    uv = {direction.x / direction.z, direction.y / direction.z};
+  }
+  if (!finite(uv)) return std::nullopt;
+
+  Vec2d pq = uv;
+  if (camera.model == CameraModel::kFov) {
+    const double ratio =
+        fov_distorted_ratio(std::abs(camera.params[4]), std::hypot(uv.x, uv.y));
+    pq = {uv.x * ratio, uv.y * ratio};
+  } else if (lens.distorted) {
+    if (!one_to_one_at(lens, uv)) return std::nullopt;
+    const Distorted d = distort(lens, uv);
+    pq = {d.p.a, d.q.a};
+  } else if (lens.fisheye && !(std::hypot(uv.x, uv.y) < kPi)) {
+    return std::nullopt;
+  }
+  const Vec2d pixel{lens.fx * pq.x + lens.cx, lens.fy * pq.y + lens.cy};
+  if (!finite(pixel)) return std::nullopt;
+  return pixel;
+}
+
+std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
+  const Lens lens = make_lens(camera);
+  if (!usable(camera, lens) || !finite(pixel)) return std::nullopt;
+  const Vec2d pq{(pixel.x - lens.cx) / lens.fx, (pixel.y - lens.cy) / lens.fy};
+  if (!finite(pq)) return std::nullopt;
+  if (camera.model == CameraModel::kFov) {
+    const auto ratio =
+        fov_undistorted_ratio(std::abs(camera.params[4]), std::hypot(pq.x, pq.y));
+    if (!ratio) return std::nullopt;
+    return Vec3d{pq.x * *ratio, pq.y * *ratio, 1};
+  }
+  const auto uv = undistort(lens, pq);
+  if (!uv) return std::nullopt;
+  if (!lens.fisheye) return Vec3d{uv->x, uv->y, 1};
+  const double theta = std::hypot(uv->x, uv->y);
+  const double k = theta > 0 ? std::sin(theta) / theta : 1;
+  return Vec3d{uv->x * k, uv->y * k, std::cos(theta)};
+}
+
+}  // namespace nerf

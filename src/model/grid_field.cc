@@ -1,0 +1,99 @@
+#include "nerf/model/grid_field.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "nerf/math/contraction.h"
+#include "nerf/math/random.h"
+
+namespace nerf {
+
+namespace {
+
+// Layers in -> hidden x n -> out, placed one after the other in the parameter array.
+std::vector<LinearWeights> place_layers(int in, int hidden, int hidden_layers, int out,
+                                        size_t& offset) {
+  std::vector<LinearWeights> layers;
+  for (int i = 0; i <= hidden_layers; ++i) {
+    LinearWeights w{offset, i == 0 ? in : hidden, i == hidden_layers ? out : hidden};
+    offset += w.size();
+    layers.push_back(w);
+  }
+  return layers;
+}
+
+void xavier_uniform(const LinearWeights& w, Random random, float* weights) {
+  const float bound = std::sqrt(6.0f / static_cast<float>(w.in + w.out));
+  for (int j = 0; j < w.out; ++j)
+    for (int k = 0; k < w.in; ++k)
+      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
+          bound * (2 * random.uniform() - 1);
+}
+
+}  // namespace
+
+GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
+    : options(o),
+      unbounded(is_unbounded),
+      shape(hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution)),
+      table(shape.rows * kGridFeatures),
+      occupancy(cascades),
+      clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
+  size_t size = 0;
+  density_layers =
+      place_layers(shape.features(), o.hidden, o.density_layers, o.geometry_features, size);
+  colour_layers = place_layers(o.geometry_features + kSphericalHarmonics, o.hidden,
+                               o.colour_layers, 3, size);
+  weights = AlignedArray<float>(size);
+}
+
+void GridField::initialise(uint64_t seed) {
+  constexpr uint64_t kTableStream = 1, kNetworkStream = 2;
+  for (uint64_t r = 0; r < shape.rows; ++r) {
+    Random random(seed, kTableStream, r);
+    for (int f = 0; f < kGridFeatures; ++f)
+      table[r * kGridFeatures + static_cast<size_t>(f)] = 1e-4f * (2 * random.uniform() - 1);
+  }
+  std::fill(weights.begin(), weights.end(), 0.0f);
+  uint64_t layer = 0;
+  for (const auto* layers : {&density_layers, &colour_layers})
+    for (const LinearWeights& w : *layers)
+      xavier_uniform(w, Random(seed, kNetworkStream, layer++), weights.data());
+}
+
+Vec3 GridField::grid_position(const Vec3& p) const {
+  return unbounded ? contract(p) * 0.25f + Vec3{0.5f, 0.5f, 0.5f}
+                   : p * 0.5f + Vec3{0.5f, 0.5f, 0.5f};
+}
+
+GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
+  features = tape.input(field.shape.features(), Domain::kSamples, training);
+  directions = tape.input(3, Domain::kRays);
+  delta = tape.input(1, Domain::kSamples);
+  background = tape.input(3, Domain::kRays);
+
+  const Value h = mlp(tape, features, field.density_layers);
+  density = truncated_exp(tape, slice(tape, h, 0, 1));
+  density_operations_ = tape.operations();
+  colour = sigmoid(tape, mlp(tape, concat(tape, h, view_code(tape, directions)),
+                             field.colour_layers));
+  field_operations_ = tape.operations();
+  image = composite(tape, density, colour, delta, background);
+  if (training) {
+    target = tape.input(3, Domain::kRays);
+    scale = tape.input(1, Domain::kRays);
+    huber_loss(tape, image.pixel, target, scale, huber_delta);
+  }
+  tape.plan();
+}
+
+void encode(const GridField& field, const float* x, const float* y, const float* z, int64_t n,
+            float* features, int64_t ld) {
+  for (size_t l = 0; l < field.shape.levels.size(); ++l) {
+    const HashGridLevel& level = field.shape.levels[l];
+    hash_grid_forward(level, field.table.data() + level.offset * kGridFeatures, x, y, z, n,
+                      features + static_cast<int64_t>(l) * kGridFeatures * ld, ld);
+  }
+}
+
+}  // namespace nerf

@@ -1,0 +1,240 @@
+#include "nerf/model/renderer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <mutex>
+
+#include "nerf/base/error.h"
+#include "nerf/model/grid_field.h"
+#include "nerf/model/radiance_field.h"
+
+namespace nerf {
+
+namespace {
+
+// A pixel's ray on its way through the network: its samples may span several chunks.
+struct PixelState {
+  int pixel = 0;
+  float transmittance = 1;
+  float rgb[3] = {0, 0, 0};
+  float median = -1;  // distance at which half of the light is stopped
+  double start = 0;   // of the march, from the camera
+  float forward = 1;  // cosine between ray and optical axis
+};
+
+// One thread's renderer of tiles.
+class TileRenderer {
+ public:
+  TileRenderer(const GridField& field, const Camera& camera, const Pose& pose, double near,
+               const RenderOptions& options, const Box3& clip)
+      : field_(field),
+        camera_(camera),
+        pose_(pose),
+        near_(near),
+        options_(options),
+        tape_(field, /*training=*/false),
+        chunk_(tape_.tape),
+        sampler_(field.occupancy, sampler_options(field, options), clip) {
+    chunk_.weights = field.weights.data();
+    t_.resize(kChunkSamples);
+    ray_begin_.resize(kChunkRays + 1);
+  }
+
+  void render_tile(int x0, int y0, int x1, int y1, Frame& frame, double unit) {
+    frame_ = &frame;
+    unit_ = unit;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x) render_pixel(x, y);
+    flush();
+  }
+
+ private:
+  static SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
+    SamplerOptions s = field.options.sampler;
+    s.min_transmittance = std::min(s.min_transmittance, options.min_transmittance);
+    return s;
+  }
+
+  void render_pixel(int x, int y) {
+    PixelState state;
+    state.pixel = y * camera_.width + x;
+    const auto direction = unproject(camera_, {x + 0.5, y + 0.5});
+    if (!direction) {
+      finish(state);
+      return;
+    }
+    const Vec3d in_camera = normalized(*direction);
+    Ray ray;
+    ray.origin = pose_.translation;
+    ray.direction = pose_.rotation * in_camera;
+    ray.near = near_;
+    const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
+                                         : sampler_.sample(ray, nullptr, true, samples_);
+    if (count == 0) {
+      finish(state);
+      return;
+    }
+    state.start = sampler_.start();
+    state.forward = static_cast<float>(in_camera.z);
+    const Vec3 d = ray.direction.cast<float>();
+    for (int from = 0; from < count;) {
+      if (samples_used_ == kChunkSamples || rays_ == kChunkRays) flush();
+      const int take = std::min(count - from, kChunkSamples - samples_used_);
+      // A ray goes on in the next chunk only where it does not fit into a whole one.
+      if (take < count - from && samples_used_ > 0 && count <= kChunkSamples) {
+        flush();
+        continue;
+      }
+      add_part(state, d, from, take, from + take == count);
+      from += take;
+      if (from < count) {
+        flush();
+        state = carried_;
+      }
+    }
+  }
+
+  void add_part(const PixelState& state, const Vec3& d, int from, int take, bool last) {
+    constexpr int64_t lr = kChunkRays;
+    float* delta = chunk_.data(tape_.delta);
+    for (int i = 0; i < take; ++i) {
+      const size_t s = static_cast<size_t>(from + i);
+      const Vec3 g = field_.grid_position(sampler_.entry() + d * samples_.t[s]);
+      const size_t at = static_cast<size_t>(samples_used_ + i);
+      x_[at] = g.x;
+      y_[at] = g.y;
+      z_[at] = g.z;
+      t_[at] = samples_.t[s];
+      delta[at] = samples_.delta[s];
+    }
+    float* directions = chunk_.data(tape_.directions);
+    for (int k = 0; k < 3; ++k) directions[k * lr + rays_] = d[k];
+    ray_begin_[static_cast<size_t>(rays_)] = samples_used_;
+    states_[static_cast<size_t>(rays_)] = state;
+    last_[static_cast<size_t>(rays_)] = last;
+    ++rays_;
+    samples_used_ += take;
+    ray_begin_[static_cast<size_t>(rays_)] = samples_used_;
+  }
+
+  void flush() {
+    if (rays_ == 0) return;
+    const int64_t padded = round_up(samples_used_, kLane);
+    float* delta = chunk_.data(tape_.delta);
+    for (int64_t i = samples_used_; i < padded; ++i) {
+      x_[static_cast<size_t>(i)] = y_[static_cast<size_t>(i)] = z_[static_cast<size_t>(i)] = 0.5f;
+      delta[i] = 0;
+    }
+    chunk_.samples = samples_used_;
+    chunk_.rays = rays_;
+    chunk_.ray_begin = ray_begin_.data();
+    encode(field_, x_.data(), y_.data(), z_.data(), samples_used_, chunk_.data(tape_.features),
+           chunk_.stride(tape_.features));
+    tape_.forward_field(chunk_);
+    const float* density = chunk_.data(tape_.density);
+    const float* colour = chunk_.data(tape_.colour);
+    for (int r = 0; r < rays_; ++r) {
+      PixelState& state = states_[static_cast<size_t>(r)];
+      for (int i = ray_begin_[static_cast<size_t>(r)]; i < ray_begin_[static_cast<size_t>(r) + 1];
+           ++i) {
+        const float alpha = -std::expm1(-density[i] * delta[i]);
+        const float w = state.transmittance * alpha;
+        for (int k = 0; k < 3; ++k) state.rgb[k] += w * colour[k * kChunkSamples + i];
+        state.transmittance *= 1 - alpha;
+        if (state.median < 0 && state.transmittance <= 0.5f)
+          state.median = t_[static_cast<size_t>(i)];
+      }
+      if (last_[static_cast<size_t>(r)])
+        finish(state);
+      else
+        carried_ = state;
+    }
+    rays_ = samples_used_ = 0;
+  }
+
+  void finish(const PixelState& s) {
+    const size_t p = static_cast<size_t>(s.pixel);
+    for (int k = 0; k < 3; ++k)
+      frame_->rgb[3 * p + static_cast<size_t>(k)] =
+          s.rgb[k] + s.transmittance * options_.background[k];
+    frame_->alpha[p] = 1 - s.transmittance;
+    frame_->depth_z[p] =
+        s.median < 0 ? 0.0f
+                     : static_cast<float>((s.start + s.median) * s.forward * unit_);
+  }
+
+  const GridField& field_;
+  const Camera& camera_;
+  const Pose& pose_;
+  double near_;
+  const RenderOptions& options_;
+  GridTape tape_;
+  Chunk chunk_;
+  RaySampler sampler_;
+  RaySamples samples_;
+  AlignedArray<float> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
+  std::vector<float> t_;
+  std::vector<int32_t> ray_begin_;
+  PixelState states_[kChunkRays], carried_;
+  bool last_[kChunkRays];
+  int rays_ = 0, samples_used_ = 0;
+  Frame* frame_ = nullptr;
+  double unit_ = 1;
+};
+
+// The box of the options, given in input coordinates, as the axis-aligned box in engine coordinates
+// around it, cut by the field's own.
+Box3 engine_clip(const GridField& field, const Similarity& to_engine,
+                 const std::optional<Box3>& bbox) {
+  if (!bbox) return field.clip;
+  Box3 box;
+  for (int corner = 0; corner < 8; ++corner)
+    box.extend(to_engine.apply(Vec3d{corner & 1 ? bbox->max.x : bbox->min.x,
+                                     corner & 2 ? bbox->max.y : bbox->min.y,
+                                     corner & 4 ? bbox->max.z : bbox->min.z}));
+  for (int i = 0; i < 3; ++i) {
+    box.min[i] = std::max(box.min[i], field.clip.min[i]);
+    box.max[i] = std::min(box.max[i], field.clip.max[i]);
+  }
+  return box;
+}
+
+}  // namespace
+
+Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
+             const RenderOptions& options, ThreadPool& pool,
+             const std::function<void(double)>& progress, const Cancel* cancel) {
+  const GridField& field = radiance.grid();
+  const ModelInfo& info = radiance.info();
+  NERF_CHECK(camera.width > 0 && camera.height > 0);
+  const Pose pose = info.to_engine.apply(camera_to_world);
+  const Box3 clip = engine_clip(field, info.to_engine, options.bbox);
+  const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
+  Frame frame{camera.width, camera.height, std::vector<float>(3 * pixels),
+              std::vector<float>(pixels), std::vector<float>(pixels)};
+
+  constexpr int kTile = 16;  // neighbouring rays read neighbouring table rows
+  const int columns = (camera.width + kTile - 1) / kTile;
+  const int rows = (camera.height + kTile - 1) / kTile;
+  std::vector<std::unique_ptr<TileRenderer>> renderers(static_cast<size_t>(pool.size()));
+  std::mutex mutex;
+  int done = 0;
+  pool.parallel_for_thread(int64_t{columns} * rows, [&](int64_t tile, int thread) {
+    if (cancel && cancel->requested()) throw Cancelled();
+    auto& renderer = renderers[static_cast<size_t>(thread)];
+    if (!renderer)
+      renderer = std::make_unique<TileRenderer>(field, camera, pose, info.near, options, clip);
+    const int x = static_cast<int>(tile % columns) * kTile;
+    const int y = static_cast<int>(tile / columns) * kTile;
+    renderer->render_tile(x, y, std::min(x + kTile, camera.width),
+                          std::min(y + kTile, camera.height), frame, 1 / info.to_engine.scale);
+    if (progress) {
+      std::lock_guard lock(mutex);
+      progress(static_cast<double>(++done) / (columns * rows));
+    }
+  });
+  return frame;
+}
+
+}  // namespace nerf

@@ -1,0 +1,110 @@
+#include "nerf/parts/occupancy.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "nerf/base/error.h"
+
+namespace nerf {
+
+namespace {
+constexpr float kUnknown = 0.03f;  // before anything was seen: occupied, and everywhere alike
+constexpr float kRise = 0.3f, kFall = 0.15f;
+constexpr float kMostOpaque = 0.9999f;  // keeps the thickness of a cell finite
+
+int64_t brick_major(int x, int y, int z) {
+  constexpr int b = OccupancyGrid::kBricks;
+  const int64_t brick = (int64_t{z >> 2} * b + (y >> 2)) * b + (x >> 2);
+  return brick * 64 + ((z & 3) * 16 + (y & 3) * 4 + (x & 3));
+}
+}  // namespace
+
+OccupancyGrid::OccupancyGrid(int cascades)
+    : cascades_(cascades),
+      opacity_(static_cast<size_t>(cascades) * kCells),
+      levels_(static_cast<size_t>(cascades) * kCells),
+      masks_(static_cast<size_t>(cascades) * kBricks * kBricks * kBricks) {
+  NERF_CHECK(cascades >= 1 && cascades <= 16);
+  for (int i = 0; i < 256; ++i) {
+    const float root = static_cast<float>(i) / 255.0f;
+    thickness_of_level_[static_cast<size_t>(i)] =
+        -std::log1p(-std::min(root * root, kMostOpaque));
+  }
+  std::fill(opacity_.begin(), opacity_.end(), kUnknown);
+  rebuild(0.01f);
+}
+
+int OccupancyGrid::cascade_of(const Vec3& p) const {
+  const float m = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
+  int c = 0;
+  float half = 1;
+  while (c < cascades_ && !(m < half)) {
+    half *= 2;
+    ++c;
+  }
+  return c;
+}
+
+int64_t OccupancyGrid::cell_of(const Vec3& p, int cascade) {
+  const float scale = 1.0f / cell_width(cascade);
+  int at[3];
+  for (int i = 0; i < 3; ++i)
+    at[i] = std::clamp(static_cast<int>(std::floor(p[i] * scale)) + kSide / 2, 0, kSide - 1);
+  return brick_major(at[0], at[1], at[2]);
+}
+
+Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) {
+  const int64_t brick = cell / 64;
+  const int in = static_cast<int>(cell % 64);
+  const int x = static_cast<int>(brick % kBricks) * 4 + (in & 3);
+  const int y = static_cast<int>(brick / kBricks % kBricks) * 4 + ((in >> 2) & 3);
+  const int z = static_cast<int>(brick / (kBricks * kBricks)) * 4 + (in >> 4);
+  const float w = cell_width(cascade);
+  const float h = kSide / 2;
+  return {(static_cast<float>(x) - h) * w, (static_cast<float>(y) - h) * w,
+          (static_cast<float>(z) - h) * w};
+}
+
+void OccupancyGrid::observe(int cascade, int64_t cell, float seen) {
+  float& a = opacity_[index(cascade, cell)];
+  if (a < 0 || !(seen >= 0)) return;
+  a += (seen > a ? kRise : kFall) * (seen - a);
+}
+
+void OccupancyGrid::rebuild(float threshold) {
+  double sum = 0;
+  int64_t on = 0;
+  for (float a : opacity_)
+    if (a >= 0) {
+      sum += a;
+      ++on;
+    }
+  const float mean = on ? static_cast<float>(sum / static_cast<double>(on)) : 0;
+  const float limit = std::min(threshold, mean);
+  for (size_t i = 0; i < opacity_.size(); ++i) {
+    const float a = opacity_[i];
+    levels_[i] = a >= limit && a > 0
+                     ? static_cast<uint8_t>(std::clamp(std::sqrt(a) * 255.0f + 0.5f, 1.0f, 255.0f))
+                     : uint8_t{0};
+  }
+  build_masks();
+}
+
+void OccupancyGrid::set_levels(std::span<const uint8_t> levels) {
+  NERF_CHECK_EQ(levels.size(), levels_.size());
+  std::copy(levels.begin(), levels.end(), levels_.begin());
+  build_masks();
+}
+
+void OccupancyGrid::build_masks() {
+  int64_t occupied = 0;
+  for (size_t b = 0; b < masks_.size(); ++b) {
+    uint64_t mask = 0;
+    for (size_t i = 0; i < 64; ++i) mask |= uint64_t{levels_[b * 64 + i] != 0} << i;
+    masks_[b] = mask;
+    occupied += __builtin_popcountll(mask);
+  }
+  occupied_fraction_ = static_cast<double>(occupied) / static_cast<double>(levels_.size());
+}
+
+}  // namespace nerf

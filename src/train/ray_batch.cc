@@ -1,0 +1,199 @@
+#include "train/ray_batch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "nerf/base/error.h"
+
+namespace nerf {
+
+PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
+    : photos_(photos),
+      views_(scene.train),
+      near_(scene.near),
+      far_(1e30),
+      alpha_(scene.alpha) {
+  pixels_before_.push_back(0);
+  for (int v : views_) {
+    const Photo& p = photos.photos[static_cast<size_t>(v)];
+    pixels_before_.push_back(pixels_before_.back() +
+                             static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height));
+    poses_.push_back(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose));
+  }
+  if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
+}
+
+bool PixelSource::draw(Random& random, Pixel& out) const {
+  const uint64_t at = random.below(pixels_before_.back());
+  const size_t i = static_cast<size_t>(
+      std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) - pixels_before_.begin() -
+      1);
+  const size_t view = static_cast<size_t>(views_[i]);
+  const Photo& photo = photos_.photos[view];
+  const uint64_t pixel = at - pixels_before_[i];
+  const int x = static_cast<int>(pixel % static_cast<uint64_t>(photo.width));
+  const int y = static_cast<int>(pixel / static_cast<uint64_t>(photo.width));
+  if (photo.masked_out(x, y)) return false;
+  const auto direction = unproject(photos_.cameras[view], {x + 0.5, y + 0.5});
+  if (!direction) return false;
+  out.ray.origin = poses_[i].translation;
+  out.ray.direction = normalized(poses_[i].rotation * *direction);
+  out.ray.near = near_;
+  out.ray.far = far_;
+  float rgba[4];
+  photo.pixel(x, y, rgba);
+  std::copy(rgba, rgba + 3, out.rgb);
+  out.alpha = rgba[3];
+  return true;
+}
+
+RayBatch::RayBatch(int max) : max_chunks(max) {
+  const size_t n = static_cast<size_t>(max) * kChunkSamples;
+  x = AlignedArray<float>(n);
+  y = AlignedArray<float>(n);
+  z = AlignedArray<float>(n);
+  delta = AlignedArray<float>(n);
+  cell = AlignedArray<int32_t>(n);
+  cell_width = AlignedArray<float>(n);
+  samples.resize(static_cast<size_t>(max));
+  rays.resize(static_cast<size_t>(max));
+  ray_begin.resize(static_cast<size_t>(max) * (kChunkRays + 1));
+  const size_t r = static_cast<size_t>(max) * 3 * kChunkRays;
+  direction = AlignedArray<float>(r);
+  background = AlignedArray<float>(r);
+  target = AlignedArray<float>(r);
+}
+
+RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, ThreadPool& pool)
+    : source_(source), field_(field), pool_(pool) {
+  for (int i = 0; i < pool.size(); ++i)
+    samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
+  scratch_.resize(static_cast<size_t>(pool.size()));
+}
+
+void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays,
+                               int thread) {
+  constexpr float kUncachedShare = 1.0f / 16;  // of rays, which ignore the cached density
+  Block& block = blocks_[static_cast<size_t>(index)];
+  for (auto* v : {&block.x, &block.y, &block.z, &block.delta, &block.cell_width}) v->clear();
+  block.cell.clear();
+  RaySampler& sampler = samplers_[static_cast<size_t>(thread)];
+  RaySamples& samples = scratch_[static_cast<size_t>(thread)];
+  for (int i = 0; i < kBlock; ++i) {
+    RayRecord& record = block.rays[i];
+    record = RayRecord();
+    const int64_t ray = index * kBlock + i;
+    if (ray >= rays) continue;
+    Random random(seed, static_cast<uint64_t>(step), static_cast<uint64_t>(ray));
+    PixelSource::Pixel pixel;
+    if (!source_.draw(random, pixel)) continue;
+    record.valid = true;
+    for (int k = 0; k < 3; ++k) {
+      // A background that is never the same twice leaves no way to paint it with matter.
+      record.background[k] = random.uniform();
+      record.direction[k] = static_cast<float>(pixel.ray.direction[k]);
+      record.target[k] = pixel.rgb[k] * pixel.alpha + record.background[k] * (1 - pixel.alpha);
+      const double e = record.background[k] - record.target[k];
+      record.squared_error += e * e;
+    }
+    const bool follow_cache = random.uniform() >= kUncachedShare;
+    record.block_begin = static_cast<int>(block.x.size());
+    record.count = sampler.sample(pixel.ray, &random, follow_cache, samples);
+    const Vec3 d = pixel.ray.direction.cast<float>();
+    for (int s = 0; s < record.count; ++s) {
+      const Vec3 p = sampler.entry() + d * samples.t[static_cast<size_t>(s)];
+      const Vec3 g = field_.grid_position(p);
+      block.x.push_back(g.x);
+      block.y.push_back(g.y);
+      block.z.push_back(g.z);
+      block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
+      const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
+      block.cell.push_back(static_cast<int32_t>(cascade * OccupancyGrid::kCells +
+                                                OccupancyGrid::cell_of(p, cascade)));
+      block.cell_width.push_back(OccupancyGrid::cell_width(cascade));
+    }
+  }
+}
+
+void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
+  for (const RayRecord& r : block.rays) {
+    if (r.chunk < 0) continue;
+    const size_t to = static_cast<size_t>(r.chunk) * kChunkSamples + static_cast<size_t>(r.offset);
+    const auto copy = [&](const auto& from, auto& array) {
+      std::copy_n(from.begin() + r.block_begin, r.count, array.begin() + to);
+    };
+    copy(block.x, batch.x);
+    copy(block.y, batch.y);
+    copy(block.z, batch.z);
+    copy(block.delta, batch.delta);
+    copy(block.cell, batch.cell);
+    copy(block.cell_width, batch.cell_width);
+    for (int k = 0; k < 3; ++k) {
+      batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
+      batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];
+      batch.target_of(r.chunk)[k * kChunkRays + r.ray] = r.target[k];
+    }
+  }
+}
+
+void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& batch) {
+  const int64_t blocks = (rays + kBlock - 1) / kBlock;
+  if (static_cast<int64_t>(blocks_.size()) < blocks) blocks_.resize(static_cast<size_t>(blocks));
+  pool_.parallel_for_thread(
+      blocks, [&](int64_t b, int thread) { draw_block(seed, step, b, rays, thread); });
+
+  // Whole rays into chunks, in order, until the batch is full.
+  batch.chunks = 1;
+  batch.rays_considered = batch.total_samples = 0;
+  batch.empty_squared_error = 0;
+  int samples = 0, count = 0;
+  const auto begin_of = [&](int chunk) {
+    return batch.ray_begin.data() + static_cast<size_t>(chunk) * (kChunkRays + 1);
+  };
+  const auto close = [&] {
+    const size_t c = static_cast<size_t>(batch.chunks - 1);
+    batch.samples[c] = samples;
+    batch.rays[c] = count;
+    begin_of(batch.chunks - 1)[count] = samples;
+  };
+  bool full = false;
+  for (int64_t b = 0; b < blocks && !full; ++b)
+    for (RayRecord& r : blocks_[static_cast<size_t>(b)].rays) {
+      if (!r.valid) continue;
+      if (r.count > 0 && (samples + r.count > kChunkSamples || count == kChunkRays)) {
+        if (batch.chunks == batch.max_chunks) {
+          full = true;
+          break;
+        }
+        close();
+        ++batch.chunks;
+        samples = count = 0;
+      }
+      ++batch.rays_considered;
+      if (r.count == 0) {
+        batch.empty_squared_error += r.squared_error;
+        continue;
+      }
+      r.chunk = batch.chunks - 1;
+      r.ray = count;
+      r.offset = samples;
+      begin_of(r.chunk)[count] = samples;
+      ++count;
+      samples += r.count;
+      batch.total_samples += r.count;
+    }
+  close();
+  pool_.parallel_for(blocks, [&](int64_t b) { copy_block(blocks_[static_cast<size_t>(b)], batch); });
+  for (int c = 0; c < batch.chunks; ++c) {
+    const size_t at = static_cast<size_t>(c) * kChunkSamples;
+    const size_t used = static_cast<size_t>(batch.samples[static_cast<size_t>(c)]);
+    const size_t padded = static_cast<size_t>(round_up(static_cast<int64_t>(used), kLane));
+    for (size_t s = at + used; s < at + padded; ++s) {
+      batch.x[s] = batch.y[s] = batch.z[s] = 0.5f;
+      batch.delta[s] = 0;
+    }
+  }
+}
+
+}  // namespace nerf

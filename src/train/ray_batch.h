@@ -1,0 +1,95 @@
+// The rays of a training step, cut into samples and packed into chunks.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/math/random.h"
+#include "nerf/model/grid_field.h"
+#include "nerf/parts/ray_sampler.h"
+
+namespace nerf {
+
+// Training pixels and their rays in engine coordinates.
+class PixelSource {
+ public:
+  PixelSource(const Scene& scene, const PhotoSet& photos);
+
+  struct Pixel {
+    Ray ray;
+    float rgb[3];  // straight colour
+    float alpha;
+  };
+  // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has no
+  // ray for it (the draw then counts as nothing).
+  bool draw(Random& random, Pixel& out) const;
+  bool has_alpha() const { return alpha_; }
+
+ private:
+  const PhotoSet& photos_;
+  std::vector<int> views_;
+  std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
+  std::vector<Pose> poses_;              // engine coordinates
+  double near_, far_;
+  bool alpha_;
+};
+
+// Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays, ...).
+struct RayBatch {
+  explicit RayBatch(int max_chunks);
+
+  int max_chunks;
+  int chunks = 0;
+  AlignedArray<float> x, y, z;     // grid coordinates, [0, 1]
+  AlignedArray<float> delta;
+  AlignedArray<int32_t> cell;      // occupancy cell: cascade * kCells + cell
+  AlignedArray<float> cell_width;
+  std::vector<int> samples, rays;  // of each chunk
+  std::vector<int32_t> ray_begin;  // of each chunk, kChunkRays + 1 entries
+  AlignedArray<float> direction, background, target;  // [chunk][3][kChunkRays]
+
+  int64_t rays_considered = 0;     // of the step, those that met no matter included
+  int64_t total_samples = 0;
+  double empty_squared_error = 0;  // of the rays that met no matter, summed over channels
+
+  float* direction_of(int chunk) { return direction.data() + int64_t{chunk} * 3 * kChunkRays; }
+  float* background_of(int chunk) { return background.data() + int64_t{chunk} * 3 * kChunkRays; }
+  float* target_of(int chunk) { return target.data() + int64_t{chunk} * 3 * kChunkRays; }
+};
+
+// Draws `rays` rays of the step and fills the batch until it is full.
+class RayBatchMaker {
+ public:
+  RayBatchMaker(const PixelSource& source, const GridField& field, ThreadPool& pool);
+  void fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& batch);
+
+ private:
+  struct RayRecord {
+    int block_begin = 0, count = 0;  // samples in the block's arrays
+    bool valid = false;
+    float direction[3], background[3], target[3];
+    double squared_error = 0;        // against the background alone
+    int chunk = -1, ray = 0, offset = 0;
+  };
+  static constexpr int kBlock = 64;  // rays that are drawn together
+  struct Block {
+    std::vector<float> x, y, z, delta, cell_width;
+    std::vector<int32_t> cell;
+    RayRecord rays[kBlock];
+  };
+  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int thread);
+  void copy_block(Block& block, RayBatch& batch);
+
+  const PixelSource& source_;
+  const GridField& field_;
+  ThreadPool& pool_;
+  std::vector<RaySampler> samplers_;  // one per thread
+  std::vector<RaySamples> scratch_;
+  std::vector<Block> blocks_;
+};
+
+}  // namespace nerf

@@ -1,0 +1,349 @@
+#include "nerf/train/trainer.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "nerf/base/error.h"
+#include "nerf/math/contraction.h"
+#include "train/trainer_impl.h"
+
+namespace nerf {
+
+namespace {
+
+double seconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+// Adds the time since the last call to a counter.
+class Lap {
+ public:
+  void into(double& counter) {
+    const double now = seconds();
+    counter += now - last_;
+    last_ = now;
+  }
+
+ private:
+  double last_ = seconds();
+};
+
+int cascades_of(const Scene& scene) {
+  int c = 1;
+  while (scene.unbounded && c < 8 && std::ldexp(1.0, c - 1) < scene.far) ++c;
+  return c;
+}
+
+}  // namespace
+
+OptimiserState::OptimiserState(const GridField& field)
+    : table_gradient(field.table.size()),
+      table_m(field.table.size()),
+      table_v(field.table.size()),
+      touched(field.shape.rows),
+      row_steps(field.shape.rows),
+      network_gradient(field.weights.size()),
+      network_m(field.weights.size()),
+      network_v(field.weights.size()) {}
+
+Trainer::Impl::Impl(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
+    : scene(s),
+      photos(p),
+      options(o),
+      pool(t),
+      field(o.grid, s.unbounded, cascades_of(s)),
+      optimiser(field),
+      tape(field, /*training=*/true, static_cast<float>(o.huber_delta)),
+      source(s, p),
+      maker(source, field, t),
+      batch(std::max(1, o.batch_samples / kChunkSamples)) {
+  const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
+  features = AlignedArray<float>(columns * static_cast<size_t>(field.shape.features()));
+  d_features = AlignedArray<float>(features.size());
+  densities = AlignedArray<float>(columns);
+  for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
+  for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
+  chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
+  chunk_squared_error.resize(static_cast<size_t>(batch.max_chunks));
+  corrections.resize(2 * kBiasCorrections);
+  bias_corrections(AdamStep(), corrections.data());
+  initialise();
+}
+
+void Trainer::Impl::initialise() {
+  field.initialise(options.seed ^ salt);
+  // A finer cascade answers for the middle of a coarser one.
+  for (int c = 1; c < field.occupancy.cascades(); ++c)
+    for (int64_t i = 0; i < OccupancyGrid::kCells; ++i) {
+      const float w = OccupancyGrid::cell_width(c);
+      const Vec3 centre = OccupancyGrid::cell_corner(i, c) + Vec3{0.5f * w, 0.5f * w, 0.5f * w};
+      if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
+    }
+  field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold));
+}
+
+float Trainer::Impl::rate_at(int64_t step) const {
+  const double total = static_cast<double>(std::max<int64_t>(options.steps, 1));
+  const double at = std::min(1.0, static_cast<double>(step) / total);
+  const double rise = options.warmup > 0 ? std::min(1.0, (at + 1 / total) / options.warmup) : 1;
+  return static_cast<float>(options.rate * rate_factor * rise *
+                            std::pow(options.final_rate, at));
+}
+
+StepReport Trainer::Impl::step() {
+  Lap lap;
+  const uint64_t seed = options.seed ^ salt;
+  const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
+  const int64_t rays = static_cast<int64_t>(
+      std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
+  maker.fill(seed, done, rays, batch);
+  lap.into(profile.rays);
+
+  // Level by level over all chunks: a level's table stays in cache.
+  const int64_t ld = kChunkSamples;
+  constexpr int kChunksPerItem = 16;
+  const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
+  const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
+  pool.parallel_for(level_count * items, [&](int64_t i) {
+    const int64_t l = i / items;
+    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
+    for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
+      const int64_t at = c * ld;
+      hash_grid_forward(level, field.table.data() + level.offset * kGridFeatures,
+                        batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
+                        batch.samples[static_cast<size_t>(c)],
+                        features.data() + (c * level_count + l) * kGridFeatures * ld, ld);
+    }
+  });
+  lap.into(profile.encode);
+  run_chunks();
+  lap.into(profile.network);
+  scatter();
+  lap.into(profile.scatter);
+
+  StepReport report;
+  double squared = batch.empty_squared_error;
+  for (int c = 0; c < batch.chunks; ++c) {
+    report.loss += chunk_loss[static_cast<size_t>(c)];
+    squared += chunk_squared_error[static_cast<size_t>(c)];
+  }
+  const double values = 3.0 * static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
+  report.psnr = -10 * std::log10(std::max(squared / values, 1e-10));
+  report.rays = batch.rays_considered;
+  report.samples = batch.total_samples;
+  report.rate = rate_at(done);
+  update(static_cast<float>(report.rate));
+  lap.into(profile.update);
+
+  const double seen = static_cast<double>(batch.total_samples) /
+                      static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
+  samples_per_ray = done == 0 ? seen : 0.8 * samples_per_ray + 0.2 * seen;
+  ++done;
+  refresh_occupancy();
+  lap.into(profile.occupancy);
+  report.step = done;
+  return report;
+}
+
+void Trainer::Impl::run_chunks() {
+  const int64_t ld = kChunkSamples;
+  const int64_t rows = field.shape.features();
+  const float scale =
+      1.0f / (3.0f * static_cast<float>(std::max<int64_t>(batch.rays_considered, 1)));
+  const int64_t per = (batch.chunks + kAccumulators - 1) / kAccumulators;
+  pool.parallel_for_thread(kAccumulators, [&](int64_t a, int thread) {
+    Chunk& chunk = *workers[static_cast<size_t>(thread)];
+    AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
+    std::fill(sum.begin(), sum.end(), 0.0f);
+    chunk.weights = field.weights.data();
+    chunk.weight_gradient = sum.data();
+    const int64_t end = std::min<int64_t>(batch.chunks, (a + 1) * per);
+    for (int64_t c = a * per; c < end; ++c) {
+      const size_t i = static_cast<size_t>(c);
+      chunk.samples = batch.samples[i];
+      chunk.rays = batch.rays[i];
+      chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
+      chunk.loss = chunk.squared_error = 0;
+      const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(float);
+      std::memcpy(chunk.data(tape.features), features.data() + c * rows * ld, bytes);
+      std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(float));
+      const size_t ray_bytes = 3 * kChunkRays * sizeof(float);
+      std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
+      std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
+      std::memcpy(chunk.data(tape.target), batch.target_of(static_cast<int>(c)), ray_bytes);
+      std::fill_n(chunk.data(tape.scale), chunk.rays, scale);
+      tape.tape.forward(chunk);
+      tape.tape.backward(chunk);
+      std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
+      std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
+      chunk_loss[i] = chunk.loss;
+      chunk_squared_error[i] = chunk.squared_error;
+    }
+  });
+}
+
+void Trainer::Impl::scatter() {
+  const int64_t ld = kChunkSamples;
+  const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
+  // A level's rows belong to one item, which takes the samples in order. Fine levels first: they are
+  // the dearest. The occupancy's cells have one owner as well.
+  pool.parallel_for(levels + 1, [&](int64_t i) {
+    if (i == levels) {
+      observe_samples();
+      return;
+    }
+    const int64_t l = levels - 1 - i;
+    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    for (int64_t c = 0; c < batch.chunks; ++c) {
+      const int64_t at = c * ld;
+      hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
+                         batch.samples[static_cast<size_t>(c)],
+                         d_features.data() + (c * levels + l) * kGridFeatures * ld, ld,
+                         optimiser.table_gradient.data() + level.offset * kGridFeatures,
+                         optimiser.touched.data() + level.offset);
+    }
+  });
+}
+
+void Trainer::Impl::observe_samples() {
+  for (int c = 0; c < batch.chunks; ++c) {
+    const int64_t at = int64_t{c} * kChunkSamples;
+    for (int64_t s = at; s < at + batch.samples[static_cast<size_t>(c)]; ++s) {
+      const float seen = -std::expm1(-densities[static_cast<size_t>(s)] *
+                                     batch.cell_width[static_cast<size_t>(s)]);
+      const int64_t cell = batch.cell[static_cast<size_t>(s)];
+      field.occupancy.observe(static_cast<int>(cell / OccupancyGrid::kCells),
+                              cell % OccupancyGrid::kCells, seen);
+    }
+  }
+}
+
+void Trainer::Impl::update(float rate) {
+  const size_t n = field.weights.size();
+  float* gradient = optimiser.network_gradient.data();
+  std::fill_n(gradient, n, 0.0f);
+  for (const auto& a : accumulators)
+    for (size_t i = 0; i < n; ++i) gradient[i] += a[i];
+
+  AdamStep adam;
+  adam.rate = rate;
+  adam.l2 = static_cast<float>(options.network_l2);
+  adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
+             optimiser.network_v.data(), field.weights.data());
+  adam.l2 = 0;
+  constexpr int64_t kRows = 8192;
+  const int64_t rows = static_cast<int64_t>(field.shape.rows);
+  pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
+    const int64_t at = i * kRows;
+    adam_rows(adam, std::min(kRows, rows - at), optimiser.touched.data() + at,
+              optimiser.table_gradient.data() + 4 * at, optimiser.table_m.data() + 4 * at,
+              optimiser.table_v.data() + 4 * at, optimiser.row_steps.data() + at,
+              field.table.data() + 4 * at, corrections.data());
+  });
+}
+
+// One random point in one cell of every group of `group` cells.
+void Trainer::Impl::refresh_occupancy() {
+  constexpr int64_t kInterval = 16, kGroup = 32;
+  if (done % kInterval != 0) return;
+  const bool whole = done == 32 || done == 64 || done == 128 || done == 256;
+  const int64_t group = whole ? 1 : kGroup;
+  OccupancyGrid& grid = field.occupancy;
+  const int64_t points = grid.cascades() * OccupancyGrid::kCells / group;
+  constexpr int64_t kBlock = kChunkSamples;
+  pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
+    Chunk& chunk = *workers[static_cast<size_t>(thread)];
+    alignas(64) float x[kBlock], y[kBlock], z[kBlock];
+    int32_t cascade[kBlock];
+    int64_t cell[kBlock];
+    int n = 0;
+    for (int64_t i = block * kBlock; i < std::min(points, (block + 1) * kBlock); ++i) {
+      Random random(options.seed ^ salt, static_cast<uint64_t>(done) | uint64_t{1} << 62,
+                    static_cast<uint64_t>(i));
+      const int64_t at = i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));
+      const int c = static_cast<int>(at / OccupancyGrid::kCells);
+      const int64_t in = at % OccupancyGrid::kCells;
+      if (grid.is_off(c, in)) continue;
+      const float w = OccupancyGrid::cell_width(c);
+      const Vec3 corner = OccupancyGrid::cell_corner(in, c);
+      const Vec3 g = field.grid_position(corner + Vec3{random.uniform() * w, random.uniform() * w,
+                                                       random.uniform() * w});
+      x[n] = g.x;
+      y[n] = g.y;
+      z[n] = g.z;
+      cascade[n] = c;
+      cell[n] = in;
+      ++n;
+    }
+    if (n == 0) return;
+    std::fill(x + n, x + round_up(n, kLane), 0.5f);
+    std::fill(y + n, y + round_up(n, kLane), 0.5f);
+    std::fill(z + n, z + round_up(n, kLane), 0.5f);
+    encode(field, x, y, z, n, chunk.data(tape.features), chunk.stride(tape.features));
+    chunk.weights = field.weights.data();
+    chunk.samples = n;
+    chunk.rays = 0;
+    tape.forward_density(chunk);
+    const float* density = chunk.data(tape.density);
+    for (int k = 0; k < n; ++k)
+      grid.observe(cascade[k], cell[k],
+                   -std::expm1(-density[k] * OccupancyGrid::cell_width(cascade[k])));
+  });
+  grid.rebuild(static_cast<float>(options.occupancy_threshold));
+}
+
+Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
+                 ThreadPool& pool)
+    : impl_(std::make_unique<Impl>(scene, photos, options, pool)) {}
+Trainer::~Trainer() = default;
+
+StepReport Trainer::step() { return impl_->step(); }
+
+void Trainer::run(const std::function<bool(const StepReport&)>& callback, const Cancel* cancel) {
+  while (impl_->done < impl_->options.steps) {
+    if (cancel && cancel->requested()) return;
+    const StepReport report = impl_->step();
+    if (callback && !callback(report)) return;
+  }
+}
+
+int64_t Trainer::steps_done() const { return impl_->done; }
+const TrainOptions& Trainer::options() const { return impl_->options; }
+const TrainProfile& Trainer::profile() const { return impl_->profile; }
+const GridField& Trainer::field() const { return impl_->field; }
+void Trainer::set_planned_steps(int64_t steps) { impl_->options.steps = steps; }
+
+RadianceField Trainer::snapshot() const {
+  ModelInfo info;
+  info.to_engine = impl_->scene.to_engine;
+  info.unbounded = impl_->scene.unbounded;
+  info.alpha = impl_->scene.alpha;
+  info.near = impl_->scene.near;
+  info.far = impl_->scene.far;
+  std::vector<bool> held_out(impl_->scene.views.size(), false);
+  for (int v : impl_->scene.test) held_out[static_cast<size_t>(v)] = true;
+  for (size_t v = 0; v < impl_->scene.views.size(); ++v) {
+    const View& view = impl_->scene.views[v];
+    info.views.push_back(
+        {view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
+  }
+  return RadianceField(std::move(info), std::make_shared<GridField>(impl_->field));
+}
+
+void Trainer::restart(uint64_t salt, double rate_factor) {
+  Impl& t = *impl_;
+  t.salt = salt;
+  t.rate_factor = rate_factor;
+  t.done = 0;
+  t.samples_per_ray = 16;
+  t.optimiser = OptimiserState(t.field);
+  t.field.occupancy = OccupancyGrid(t.field.occupancy.cascades());
+  t.initialise();
+}
+
+}  // namespace nerf

@@ -1,0 +1,66 @@
+// What a Trainer consists of.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+#include "nerf/kernels/adam.h"
+#include "nerf/train/trainer.h"
+#include "train/ray_batch.h"
+
+namespace nerf {
+
+// Gradients and moments of a field's parameters.
+struct OptimiserState {
+  explicit OptimiserState(const GridField& field);
+  AlignedArray<float> table_gradient, table_m, table_v;
+  AlignedArray<uint8_t> touched;    // one per row
+  AlignedArray<uint16_t> row_steps; // one per row
+  AlignedArray<float> network_gradient, network_m, network_v;
+};
+
+struct Trainer::Impl {
+  Impl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options, ThreadPool& pool);
+
+  // Chunks go to a fixed number of gradient accumulators whose sum is taken in order, so that it does
+  // not depend on the number of threads.
+  static constexpr int kAccumulators = 32;
+
+  StepReport step();
+  float rate_at(int64_t step) const;
+  void run_chunks();
+  void scatter();
+  void observe_samples();
+  void update(float rate);
+  void refresh_occupancy();
+  void initialise();
+
+  const Scene& scene;
+  const PhotoSet& photos;
+  TrainOptions options;
+  ThreadPool& pool;
+
+  GridField field;
+  OptimiserState optimiser;
+  GridTape tape;
+  std::vector<std::unique_ptr<Chunk>> workers;  // one per thread
+  std::vector<float> corrections;
+
+  PixelSource source;
+  RayBatchMaker maker;
+  RayBatch batch;
+  AlignedArray<float> features, d_features;  // [chunk][4 L][kChunkSamples]
+  AlignedArray<float> densities;             // [chunk][kChunkSamples]
+  std::vector<AlignedArray<float>> accumulators;
+  std::vector<double> chunk_loss, chunk_squared_error;
+
+  // State of the run besides the arrays above.
+  int64_t done = 0;
+  uint64_t salt = 0;
+  double rate_factor = 1;
+  double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
+  TrainProfile profile;
+};
+
+}  // namespace nerf

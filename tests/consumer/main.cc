@@ -1,0 +1,76 @@
+// Uses the installed library through its public headers only. argv[1] is a capture (data/demo).
+#include <cmath>
+#include <cstdio>
+#include <exception>
+
+#include "nerf/base/error.h"
+#include "nerf/io/scene.h"
+#include "nerf/math/camera.h"
+
+namespace {
+
+void expect(bool condition, const char* what) {
+  if (!condition) throw nerf::Error(what, "consumer");
+}
+
+// A lens of the kind of the demo's: pixel -> direction -> pixel.
+void use_cameras() {
+  nerf::Camera camera;
+  camera.model = nerf::CameraModel::kSimpleRadial;
+  camera.width = 640;
+  camera.height = 480;
+  camera.params = {520, 320, 240, -0.12};
+  for (const nerf::Vec2d pixel : {nerf::Vec2d{0.5, 0.5}, {320, 240}, {639.5, 100.25}}) {
+    const auto direction = nerf::unproject(camera, pixel);
+    expect(direction.has_value(), "unproject found no direction");
+    const auto back = nerf::project(camera, *direction * 3.0);
+    expect(back.has_value(), "project found no pixel");
+    expect(std::hypot(back->x - pixel.x, back->y - pixel.y) < 1e-6, "project is not the inverse");
+  }
+}
+
+// Objects made by the library and read here must have the same layout under any compiler flags.
+void use_scene(const char* folder) {
+  const nerf::Scene scene = nerf::load_scene(folder);
+  expect(scene.views.size() >= 40, "the demo has at least 40 views");
+  expect(scene.test.size() == (scene.views.size() + 7) / 8, "every 8th view is held out");
+  expect(scene.train.size() + scene.test.size() == scene.views.size(), "a view is in no split");
+  for (const nerf::View& view : scene.views) {
+    const nerf::Camera& camera = scene.cameras.at(view.camera);
+    expect(camera.width == 640 && camera.height == 480, "the demo's photos are 640x480");
+    const nerf::Vec3d forward = view.pose.rotation.column(2);
+    expect(std::abs(nerf::length(forward) - 1) < 1e-6, "a pose is not a rotation");
+    const nerf::Pose engine = scene.to_engine.apply(view.pose);
+    expect(std::isfinite(nerf::length(engine.translation)), "a pose is not finite");
+  }
+  std::printf("%zu views, %zu points\n", scene.views.size(), scene.points.size());
+}
+
+// The library's exceptions cross its border.
+void use_errors() {
+  try {
+    nerf::load_scene("/nonexistent/capture");
+  } catch (const nerf::Error& e) {
+    std::printf("as expected: %s\n", e.what());
+    return;
+  }
+  expect(false, "a missing capture must be an error");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fprintf(stderr, "usage: consumer CAPTURE\n");
+    return 2;
+  }
+  try {
+    use_cameras();
+    use_scene(argv[1]);
+    use_errors();
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "%s\n", e.what());
+    return 1;
+  }
+  return 0;
+}
