@@ -274,8 +274,8 @@ void write_file_atomically(const fs::path& path, std::span<const uint8_t> bytes)
 }
 
 void write_file_atomically(const fs::path& path, std::string_view text) {
-  write_file_atomically(
-      path, std::span(reinterpret_cast<const uint8_t*>(text.data()), text.size()));
+  write_file_atomically(path,
+                        std::span(reinterpret_cast<const uint8_t*>(text.data()), text.size()));
 }
 
 void write_file_atomically(const fs::path& path,

@@ -132,7 +132,11 @@ bool within_limits(const OptionField& f, const OptionValue& value) {
 }
 
 std::string limits_text(const OptionField& f) {
-  const auto number = [](double x) { return shortest(x); };
+  // 100000 rather than 1e+05.
+  const auto number = [](double x) {
+    const bool whole = std::abs(x) < 1e15 && std::trunc(x) == x;
+    return whole ? std::to_string(static_cast<int64_t>(x)) : shortest(x);
+  };
   // The natural limits of a type are no news to a reader.
   const bool low = f.min > -2147483648.0;
   const bool high = f.max < 2147483647.0;
@@ -183,7 +187,7 @@ void set_option_text(const OptionField& field, const std::string& text, const st
   }
   const auto set_parsed = [&](const auto& parsed) {
     if (!parsed) refuse(field, text, where);
-    set_option(field, OptionValue(*parsed), where);
+    set_option(field, std::optional<OptionValue>(std::in_place, *parsed), where);
   };
   switch (field.type) {
     case OptionType::kBool:

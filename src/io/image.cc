@@ -30,8 +30,8 @@ std::vector<unsigned char> encode(const std::string& format, const fs::path& pat
                                   const Image8& image) {
   const auto out = OIIO::ImageOutput::create(format);
   if (!out) throw Error("cannot write: " + OIIO::geterror(), path.string());
-  const int channels = format == "jpeg" && image.channels % 2 == 0 ? image.channels - 1
-                                                                   : image.channels;
+  const int channels =
+      format == "jpeg" && image.channels % 2 == 0 ? image.channels - 1 : image.channels;
   OIIO::ImageSpec spec(image.width, image.height, channels, OIIO::TypeDesc::UINT8);
   if (channels % 2 == 0) {
     spec.alpha_channel = channels - 1;

@@ -1,4 +1,5 @@
-// Does a JPEG or PNG in memory have its end? Decoders fill what is missing with grey and may not say.
+// Does a JPEG or PNG in memory have its end? Decoders fill what is missing with grey and may not
+// say.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +14,9 @@ enum class ImageFileKind { kJpeg, kPng, kOther };
 // By the first bytes, whatever the file's name says.
 ImageFileKind image_file_kind(std::span<const uint8_t> bytes);
 
-// What is wrong, as the end of the sentence "the image ...", with the byte; nothing where the file is
-// complete. Walks JPEG's marker segments up to EOI (so that the end of an embedded thumbnail does
-// not count) and PNG's chunks up to IEND. Bytes behind the end are allowed.
+// What is wrong, as the end of the sentence "the image ...", with the byte; nothing where the file
+// is complete. Walks JPEG's marker segments up to EOI (so that the end of an embedded thumbnail
+// does not count) and PNG's chunks up to IEND. Bytes behind the end are allowed.
 std::optional<std::string> jpeg_problem(std::span<const uint8_t> bytes);
 std::optional<std::string> png_problem(std::span<const uint8_t> bytes);
 

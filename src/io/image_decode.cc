@@ -24,7 +24,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kBrokenHint = "the file is damaged or not an image: copy it again from its source";
+constexpr const char* kBrokenHint =
+    "the file is damaged or not an image: copy it again from its source";
 
 std::string first_line(std::string text) {
   text.resize(std::min(text.find('\n'), text.size()));
@@ -149,8 +150,8 @@ struct MemoryInput {
 };
 
 void open_in_memory(MemoryInput& input, const fs::path& path, const char* format) {
-  input.reader = std::make_unique<OIIO::Filesystem::IOMemReader>(input.bytes.data(),
-                                                                 input.bytes.size());
+  input.reader =
+      std::make_unique<OIIO::Filesystem::IOMemReader>(input.bytes.data(), input.bytes.size());
   input.in = OIIO::ImageInput::create(format);
   if (!input.in) throw cannot_read(path, OIIO::geterror());
   input.in->threads(1);
@@ -177,8 +178,9 @@ void read_samples(OIIO::ImageInput& in, const fs::path& path, const Layout& layo
     const auto step = static_cast<OIIO::stride_t>(sample_bytes) * layout.channels;
     for (int c = 0; good && c < layout.channels; ++c) {
       const int from = layout.source[static_cast<size_t>(c)];
-      good = in.read_image(0, 0, from, from + 1, type,
-                           static_cast<uint8_t*>(out) + static_cast<size_t>(c) * sample_bytes, step);
+      good =
+          in.read_image(0, 0, from, from + 1, type,
+                        static_cast<uint8_t*>(out) + static_cast<size_t>(c) * sample_bytes, step);
     }
   }
   // Decoders may report damage, fill the rest with grey and return success.
@@ -205,8 +207,8 @@ StoredImage decode_image(const fs::path& path) {
     const ImageFileKind kind = image_file_kind(first_bytes(path));
     if (kind != ImageFileKind::kOther) {
       memory.bytes = read_file(path);
-      const auto problem = kind == ImageFileKind::kJpeg ? jpeg_problem(memory.bytes)
-                                                        : png_problem(memory.bytes);
+      const auto problem =
+          kind == ImageFileKind::kJpeg ? jpeg_problem(memory.bytes) : png_problem(memory.bytes);
       if (problem) {
         throw Error("the image " + *problem, path.string(), "copy it again from its source");
       }
@@ -233,8 +235,8 @@ StoredImage decode_image(const fs::path& path) {
     } else {
       image.samples16.resize(count);
       const bool half = image.type == SampleType::kHalf;
-      read_samples(*memory.in, path, layout, half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::UINT16, 2,
-                   image.samples16.data());
+      read_samples(*memory.in, path, layout, half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::UINT16,
+                   2, image.samples16.data());
     }
     return image;
   });

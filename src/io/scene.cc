@@ -90,25 +90,13 @@ void describe_cameras(const Scene& scene, SceneReport& report) {
   }
 }
 
-void estimate_memory(const SceneInput& input, Scene& scene) {
-  SceneReport& report = scene.report;
-  const auto downscale = static_cast<uint64_t>(scene.options.downscale);
-  report.memory_estimate_bytes = input.decoded_bytes / (downscale * downscale) + kTrainerBytes;
+void estimate_memory(const Scene& scene, SceneReport& report) {
+  report.memory_estimate_bytes += kTrainerBytes;
   report.memory_limit_bytes = available_memory_bytes();
   if (report.memory_limit_bytes > 0 && report.memory_estimate_bytes > report.memory_limit_bytes) {
     report.warnings.push_back(fmt::format("the photos may not fit into memory: --downscale {} "
                                           "takes a quarter of it",
-                                          2 * downscale));
-  }
-}
-
-void check_options(const Scene& scene) {
-  int smallest = 1 << 30;
-  for (const Camera& c : scene.cameras) smallest = std::min({smallest, c.width, c.height});
-  if (scene.options.downscale < 1 || scene.options.downscale > smallest) {
-    throw Error(fmt::format("images cannot be divided by {}", scene.options.downscale),
-                "--downscale",
-                fmt::format("1 to {}, the smallest side of an image", smallest));
+                                          2 * int64_t{scene.options.downscale}));
   }
 }
 
@@ -125,14 +113,18 @@ double mean_error(const std::vector<ScenePoint>& points) {
 }  // namespace
 
 Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
-                 const std::function<void(const std::string&)>& progress) {
+                 const std::function<void(const std::string&)>& progress, const Cancel* cancel) {
+  if (options.downscale < 1) {
+    throw Error(fmt::format("--downscale {} makes no sense", options.downscale), "",
+                "give a whole number from 1");
+  }
   Scene scene;
   scene.options = options;
   std::vector<std::string> ignored;
   const SceneFormat format = options.format == SceneFormat::kAuto
                                  ? internal::detect_format(path, ignored)
                                  : options.format;
-  SceneInput input = internal::read_scene_input(path, format, options, progress);
+  SceneInput input = internal::read_scene_input(path, format, {options, progress, cancel});
   scene.root = path;
   SceneReport& report = scene.report;
   report.format = input.format;
@@ -140,18 +132,16 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   report.ignored.insert(report.ignored.end(), input.ignored.begin(), input.ignored.end());
   report.warnings = std::move(input.warnings);
 
-  internal::resolve_images(input, report, &scene.alpha);
+  internal::resolve_images(input, options.downscale, report, &scene.alpha);
   if (input.views.size() < 2) {
-    throw Error(fmt::format("there {} registered image{} with a file",
-                            input.views.empty() ? "is no" : "is only one",
-                            input.views.empty() ? "" : ""),
+    throw Error(fmt::format("there is {} registered image with a file",
+                            input.views.empty() ? "no" : "only one"),
                 path.string(), "a scene needs images from several places, some 20 or more");
   }
   sort_views(input);
   scene.cameras = input.cameras;
   scene.views = input.views;
   scene.points = std::move(input.points);
-  check_options(scene);
   internal::choose_frame(input, scene);
 
   report.points = static_cast<int>(scene.points.size());
@@ -160,7 +150,7 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
       "masks: values of 128 and more keep a pixel; masked pixels count neither in training nor in "
       "metrics";
   describe_cameras(scene, report);
-  estimate_memory(input, scene);
+  estimate_memory(scene, report);
   split_views(input.is_test, scene);
   return scene;
 }

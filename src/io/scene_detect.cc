@@ -3,10 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 #include <set>
 
-#include "nerf/base/file.h"
 #include "nerf/base/nearest_name.h"
 #include "nerf/io/capture_tools.h"
 #include "paths.h"
@@ -14,7 +12,6 @@
 namespace nerf::internal {
 
 namespace fs = std::filesystem;
-using nlohmann::json;
 
 namespace {
 
@@ -87,36 +84,7 @@ fs::path work_folder(const SceneOptions& options) {
               "name a folder for the run, COLMAP's model is written there");
 }
 
-// What a model in the work folder was made from. Photos that change keep their names seldom, their
-// number and sizes hardly ever.
-json photo_key(const fs::path& photos, const SceneOptions& options) {
-  uint64_t bytes = 0;
-  const std::vector<std::string> names = list_images(photos);
-  for (const std::string& name : names) {
-    std::error_code ignored;
-    const auto size = fs::file_size(photos / name, ignored);
-    if (!ignored) bytes += size;
-  }
-  return {{"photos", fs::weakly_canonical(photos).string()},
-          {"camera_model", options.camera_model},
-          {"count", names.size()},
-          {"bytes", bytes}};
-}
-
-// The model of an earlier run on the same photos, or an empty path.
-fs::path earlier_model(const fs::path& note, const json& key) {
-  if (!is_file(note)) return {};
-  const json stored = json::parse(read_text_file(note, 1 << 20), nullptr, false);
-  if (!stored.is_object() || stored.value("key", json()) != key) return {};
-  const json name = stored.value("model", json());
-  if (!name.is_string()) return {};
-  const fs::path folder = note.parent_path() / name.get<std::string>();
-  return find_colmap_models(folder).empty() ? fs::path{} : folder;
-}
-
-SceneInput read_photos(const fs::path& photos, const fs::path& mask_root,
-                       const SceneOptions& options,
-                       const std::function<void(const std::string&)>& progress) {
+SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const CaptureRun& run) {
   static const std::vector<std::string> kModels = [] {
     std::vector<std::string> names;
     for (int id = 0; const auto model = camera_model_from_id(id); ++id) {
@@ -124,35 +92,17 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root,
     }
     return names;
   }();
-  if (!camera_model_from_name(options.camera_model)) {
-    throw Error(fmt::format("there is no camera model {}", options.camera_model), "--camera-model",
-                nearest_name_hint(options.camera_model, kModels));
+  if (!camera_model_from_name(run.options.camera_model)) {
+    throw Error(fmt::format("there is no camera model {}", run.options.camera_model), "--camera-model",
+                nearest_name_hint(run.options.camera_model, kModels));
   }
   if (is_folder(photos / "masks")) {
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
                 photos.string(), "put the photos into images/ beside masks/");
   }
-  const fs::path work = work_folder(options);
-  const auto names = list_images(photos);
-  if (names.size() < 2) {
-    throw Error(fmt::format("there are {} photos", names.size()), photos.string(),
-                "a scene needs photos from many places, some 20 or more");
-  }
-  const fs::path note = work / "capture.json";
-  const json key = photo_key(photos, options);
-  fs::path folder = earlier_model(note, key);
-  if (folder.empty()) {
-    folder = run_colmap_on_photos(photos, work, options.camera_model, progress);
-    const fs::path relative = fs::weakly_canonical(folder).lexically_relative(
-        fs::weakly_canonical(work));
-    write_file_atomically(
-        note, std::string_view(json{{"key", key}, {"model", relative.generic_string()}}.dump(1)));
-  } else if (progress) {
-    progress("using the camera model made earlier in " + folder.string());
-  }
-  SceneInput input = read_colmap_scene(folder);
+  SceneInput input = read_colmap_scene(run_colmap_on_photos(
+      photos, work_folder(run.options), run.options.camera_model, run.progress, run.cancel));
   input.format = "photos, " + input.format;
-  input.images_total = std::max(input.images_total, static_cast<int>(names.size()));
   input.mask_folders = {mask_root / "masks"};
   return input;
 }
@@ -185,8 +135,7 @@ SceneFormat detect_format(const fs::path& path, std::vector<std::string>& ignore
               path.string(), "give the folder of a scene");
 }
 
-SceneInput read_scene_input(const fs::path& path, SceneFormat format, const SceneOptions& options,
-                            const std::function<void(const std::string&)>& progress) {
+SceneInput read_scene_input(const fs::path& path, SceneFormat format, const CaptureRun& run) {
   if (!path_exists(path)) {
     throw Error("there is no such file or folder", path.string(), "give the folder of a scene");
   }
@@ -203,12 +152,12 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Scen
     case SceneFormat::kTransforms:
       return read_transforms_scene(folder ? path / "transforms.json" : path);
     case SceneFormat::kPhotos:
-      return read_photos(photo_folder(path), path, options, progress);
+      return read_photos(photo_folder(path), path, run);
     case SceneFormat::kVideo: {
       const fs::path video = folder ? videos_in(path).front() : path;
-      const fs::path work = work_folder(options);
-      const fs::path frames = extract_video_frames(video, work, kMaxVideoFrames, progress);
-      SceneInput input = read_photos(frames, frames.parent_path(), options, progress);
+      const fs::path frames = extract_video_frames(video, work_folder(run.options),
+                                                   kMaxVideoFrames, run.progress, run.cancel);
+      SceneInput input = read_photos(frames, frames.parent_path(), run);
       input.format = "video " + video.filename().string() + ", " + input.format;
       return input;
     }

@@ -5,6 +5,7 @@
 #include <functional>
 #include <string>
 
+#include "nerf/base/cancel.h"
 #include "scene_input.h"
 
 namespace nerf::internal {
@@ -13,9 +14,15 @@ namespace nerf::internal {
 // none. Other inputs found beside it go to `ignored`.
 SceneFormat detect_format(const std::filesystem::path& path, std::vector<std::string>& ignored);
 
+// What photos and videos need besides a path.
+struct CaptureRun {
+  const SceneOptions& options;
+  const std::function<void(const std::string&)>& progress;
+  const Cancel* cancel;
+};
+
 // Reads `path` as the format; runs colmap and ffmpeg where it has to.
 SceneInput read_scene_input(const std::filesystem::path& path, SceneFormat format,
-                            const SceneOptions& options,
-                            const std::function<void(const std::string&)>& progress);
+                            const CaptureRun& run);
 
 }  // namespace nerf::internal

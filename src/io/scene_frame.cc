@@ -188,11 +188,11 @@ void unbounded_near_far(const SceneInput& input, Scene& scene, bool has_focus) {
                                scene.views[static_cast<size_t>(o.image)].pose.translation) *
                         scene.to_engine.scale);
   }
-  constexpr double kBoxDiagonal = 3.5;  // 2 sqrt(3): a ray through the inner box ends inside far
+  constexpr double kFarthest = 4;  // a ray through the whole inner box, 2 sqrt(3), ends before far
   if (distances.size() >= 50) {
     const double middle = quantile(distances, 0.5);
     scene.near = std::clamp(0.5 * quantile(distances, 0.001), 1e-3 * middle, 0.5 * middle);
-    scene.far = std::max(kBoxDiagonal, 1.5 * quantile(distances, 0.999));
+    scene.far = std::max(kFarthest, 2 * quantile(distances, 0.999));
     return;
   }
   double closest = 1e300;

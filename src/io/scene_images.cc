@@ -1,17 +1,15 @@
 // The files behind the views: do they exist, what size are they, are there masks and alpha.
-#include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <set>
 #include <tuple>
 
 #include "nerf/io/image.h"
 #include "paths.h"
+#include "photo_plan.h"
 #include "scene_input.h"
-#include "scene_limits.h"
 
 namespace nerf::internal {
 
@@ -59,70 +57,44 @@ void drop_missing(SceneInput& input, SceneReport& report) {
                                         more));
 }
 
-// The camera for an image of w x h, which may have been resized since the model was made.
-Camera fit_camera(const Camera& camera, int w, int h, const View& view) {
-  if (camera.width == w && camera.height == h) return camera;
-  // Rounding of a resized side to whole pixels, or 2 %, whichever is more.
-  const auto same_shape = [](double w1, double h1, double w2, double h2) {
-    return std::abs(w1 * h2 / w2 - h1) <= std::max(2.0, 0.02 * h1);
-  };
-  const std::string sizes = fmt::format("the image is {} x {} pixels and its camera {} x {}", w, h,
-                                        camera.width, camera.height);
-  if (!same_shape(w, h, camera.width, camera.height)) {
-    if (same_shape(h, w, camera.width, camera.height)) {
-      throw Error(sizes + ": one of them is turned by 90 degrees", view.image_path.string(),
-                  "images are read as stored, EXIF orientation is never applied: store the image "
-                  "as the model saw it, or run COLMAP on it as it is stored");
-    }
-    throw Error(sizes + ": it was cropped or belongs to another model", view.image_path.string(),
-                "images may be resized after COLMAP, but keep their shape");
-  }
-  return camera.scaled_to(w, h);
-}
-
-// Cameras at the size of the stored images; only those that a view uses, each once.
-void fit_cameras(SceneInput& input, int* with_alpha) {
+// Cameras at the size of the stored images; only those that a view uses, each once. Counts images
+// with an alpha channel.
+int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory) {
+  int with_alpha = 0;
   std::vector<Camera> cameras;
   std::map<std::tuple<int, int, int>, int> index;
   for (View& view : input.views) {
     const ImageInfo info = read_image_info(view.image_path);
-    if (info.width < 1 || info.height < 1 || info.width > kMaxImageSide ||
-        info.height > kMaxImageSide || int64_t{info.width} * info.height > kMaxImagePixels) {
-      throw Error(fmt::format("the image says {} x {} pixels", info.width, info.height),
-                  view.image_path.string(), kImageSizeHint);
+    if (downscale > std::min(info.width, info.height)) {
+      throw Error(fmt::format("--downscale {} leaves nothing of {} x {} pixels", downscale,
+                              info.width, info.height),
+                  view.image_path.string(), "give a smaller number");
     }
-    const bool has_alpha = info.channels == 2 || info.channels == 4;
-    *with_alpha += has_alpha;
-    input.decoded_bytes += static_cast<uint64_t>(info.width) * static_cast<uint64_t>(info.height) *
-                           (has_alpha ? 4 : 3) * (info.half_or_16bit ? 2 : 1);
+    add_photo(memory, info, !view.mask_path.empty(), downscale);
+    with_alpha += info.channels % 2 == 0;
     const auto [it, is_new] = index.emplace(std::tuple{view.camera, info.width, info.height},
                                             static_cast<int>(cameras.size()));
     if (is_new) {
-      cameras.push_back(fit_camera(input.cameras[static_cast<size_t>(view.camera)], info.width,
-                                   info.height, view));
+      cameras.push_back(camera_of_photo(input.cameras[static_cast<size_t>(view.camera)], view,
+                                        info.width, info.height, info.width, info.height));
     }
     view.camera = it->second;
   }
   input.cameras = std::move(cameras);
+  return with_alpha;
 }
 
 // Screenshots and some converters store an alpha channel that is opaque everywhere: a few pictures
-// tell. What cannot be read is left to the photo loader, which says why.
+// tell.
 bool any_transparency(const SceneInput& input) {
   constexpr size_t kLooks = 5;
   for (size_t i = 0; i < kLooks; ++i) {
-    const View& view = input.views[i * (input.views.size() - 1) / (kLooks - 1)];
-    auto in = OIIO::ImageInput::open(view.image_path.string());
-    if (!in) continue;
-    const OIIO::ImageSpec spec = in->spec();
-    if (spec.nchannels != 2 && spec.nchannels != 4) continue;
-    std::vector<float> row(static_cast<size_t>(spec.width));
-    for (int y = 0; y < spec.height; ++y) {
-      if (!in->read_scanlines(0, 0, spec.y + y, spec.y + y + 1, 0, spec.nchannels - 1,
-                              spec.nchannels, OIIO::TypeDesc::FLOAT, row.data())) {
-        break;
-      }
-      if (std::any_of(row.begin(), row.end(), [](float a) { return a < 1; })) return true;
+    const Image8 image =
+        read_image_8bit(input.views[i * (input.views.size() - 1) / (kLooks - 1)].image_path);
+    if (image.channels % 2 != 0) continue;
+    const auto channels = static_cast<size_t>(image.channels);
+    for (size_t at = channels - 1; at < image.pixels.size(); at += channels) {
+      if (image.pixels[at] != 255) return true;
     }
   }
   return false;
@@ -154,12 +126,6 @@ void find_masks(SceneInput& input, SceneReport& report) {
   }
   const auto masks = std::count_if(input.views.begin(), input.views.end(),
                                    [](const View& view) { return !view.mask_path.empty(); });
-  for (const View& view : input.views) {
-    const Camera& camera = input.cameras[static_cast<size_t>(view.camera)];
-    if (!view.mask_path.empty()) {
-      input.decoded_bytes += static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
-    }
-  }
   report.masks = static_cast<int>(masks);
   if (masks > 0 && masks < static_cast<std::ptrdiff_t>(input.views.size())) {
     report.warnings.push_back(fmt::format("{} of {} images have no mask and are used whole",
@@ -182,7 +148,7 @@ void find_masks(SceneInput& input, SceneReport& report) {
 
 bool is_image_file(const fs::path& path) {
   static const std::set<std::string> kExtensions{".jpg", ".jpeg", ".png",  ".tif", ".tiff", ".exr",
-                                                 ".bmp", ".webp", ".heic", ".hdr", ".ppm",  ".tga"};
+                                                 ".bmp", ".webp", ".hdr", ".ppm",  ".tga"};
   const std::string name = path.filename().string();
   return !name.empty() && name.front() != '.' && kExtensions.count(lower_extension(path)) > 0;
 }
@@ -201,19 +167,20 @@ std::vector<std::string> list_images(const fs::path& folder) {
   return names;
 }
 
-void resolve_images(SceneInput& input, SceneReport& report, bool* alpha) {
+void resolve_images(SceneInput& input, int downscale, SceneReport& report, bool* alpha) {
   report.images_registered = static_cast<int>(input.views.size());
   report.images_total = std::max(input.images_total, report.images_registered);
   drop_missing(input, report);
-  int with_alpha = 0;
-  fit_cameras(input, &with_alpha);
+  find_masks(input, report);
+  PhotoMemory memory;
+  const int with_alpha = fit_cameras(input, downscale, memory);
+  report.memory_estimate_bytes = memory.kept + memory.largest;
   *alpha = with_alpha > 0 && any_transparency(input);
   if (*alpha && with_alpha < static_cast<int>(input.views.size())) {
     report.warnings.push_back(fmt::format("{} of {} images have no alpha and count as opaque",
                                           input.views.size() - static_cast<size_t>(with_alpha),
                                           input.views.size()));
   }
-  find_masks(input, report);
 }
 
 }  // namespace nerf::internal

@@ -22,7 +22,6 @@ struct SceneInput {
   std::filesystem::path image_folder;     // what View::name is relative to, for masks
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
   int images_total = 0;              // listed by the files or found beside the registered ones
-  uint64_t decoded_bytes = 0;        // of all photos and masks in memory, at full size
   bool blender = false;              // rendered: +z is up, and alpha, where there is any, is real
   std::vector<std::string> ignored, warnings;
 };
@@ -37,9 +36,9 @@ SceneInput read_transforms_scene(const std::filesystem::path& file);
 SceneInput read_blender_scene(const std::filesystem::path& root);
 
 // Looks at every view's image (its header) and mask: leaves out views without a file, scales
-// cameras to the size of the stored image, fills in the report's counts. Sets *alpha. Throws Error:
-// unreadable, transposed or cropped images, more than half missing.
-void resolve_images(SceneInput& input, SceneReport& report, bool* alpha);
+// cameras to the size of the stored image, fills in the report's counts and the memory that photos
+// take. Sets *alpha. Throws Error: unreadable, transposed or cropped images, over half missing.
+void resolve_images(SceneInput& input, int downscale, SceneReport& report, bool* alpha);
 
 bool is_image_file(const std::filesystem::path& path);
 // Image files below a folder, as clean names, sorted bytewise; empty where there is no such folder.

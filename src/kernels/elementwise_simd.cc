@@ -39,8 +39,10 @@ void exp_backward(int64_t n, const float* x, const float* dy, float* dx) {
 void sigmoid(int64_t n, const float* x, float* y) {
   each(n, [=](D d, int64_t i) {
     const auto one = hn::Set(d, 1.0f);
-    // exp of a large positive argument overflows to infinity, whose reciprocal is the right 0.
-    hn::Store(hn::Div(one, hn::Add(one, hn::Exp(d, hn::Neg(hn::Load(d, x + i))))), d, y + i);
+    // Highway's Exp is defined up to 104 and gives NaN from 178 on. At 88 the result is below the
+    // smallest normal number already.
+    const auto at = hn::Max(hn::Load(d, x + i), hn::Set(d, -88.0f));
+    hn::Store(hn::Div(one, hn::Add(one, hn::Exp(d, hn::Neg(at)))), d, y + i);
   });
 }
 

@@ -32,63 +32,131 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
     clip_.min[i] = std::max(clip_.min[i], -half);
     clip_.max[i] = std::min(clip_.max[i], half);
   }
+  // A ray crosses at most three cells per unit of each axis it moves along, in every cascade.
+  segments_.resize(static_cast<size_t>(grid.cascades()) * 3 * (OccupancyGrid::kSide + 1) + 64);
+  mass_.resize(segments_.size());
 }
 
+// Traversal of a regular grid (Amanatides and Woo 1987) in two levels: bricks of 4^3 cells, and the
+// cells of the bricks that hold any matter. Borders are found from integers, so errors do not add up.
+struct RaySampler::Traversal {
+  Vec3 origin, direction, inverse;
+  int step[3], positive[3];
+  float end;    // of the ray
+  float depth = 0, stop;  // optical depth so far, and where to stop
+
+  // t of the border of slot `at` (width w, slot 0 starting at -half) that the ray leaves through.
+  float border(int axis, int at, int half, float w) const {
+    if (step[axis] == 0) return kNever;
+    return (static_cast<float>(at + positive[axis] - half) * w - origin[axis]) * inverse[axis];
+  }
+  static constexpr float kNever = 1e30f;
+};
+
+namespace {
+int least(const float t[3]) { return t[0] < t[1] ? (t[0] < t[2] ? 0 : 2) : (t[1] < t[2] ? 1 : 2); }
+}  // namespace
+
 void RaySampler::march(const Ray& ray, float min_transmittance) {
-  segments_.clear();
+  segment_count_ = 0;
   double t0 = ray.near, t1 = ray.far;
-  if (!clip_to_box(ray, clip_, t0, t1)) return;
+  Box3 box = grid_.occupied_box();
+  for (int i = 0; i < 3; ++i) {
+    box.min[i] = std::max(box.min[i], clip_.min[i]);
+    box.max[i] = std::min(box.max[i], clip_.max[i]);
+  }
+  if (!clip_to_box(ray, box, t0, t1)) return;
   start_ = t0;
   entry_ = (ray.origin + ray.direction * t0).cast<float>();
-  const Vec3 o = entry_;
-  const Vec3 d = ray.direction.cast<float>();
-  const float end = static_cast<float>(t1 - t0);
-  Vec3 inverse;
-  for (int i = 0; i < 3; ++i) inverse[i] = std::fabs(d[i]) > 1e-12f ? 1.0f / d[i] : 1e12f;
 
-  constexpr int kHalf = OccupancyGrid::kSide / 2;
-  const float stop = min_transmittance > 0 ? -std::log(min_transmittance) : 1e30f;
-  float depth = 0, t = 0;
-  while (t < end && depth < stop) {
-    // Nudged across the border that the last step ended on.
-    const float at = t + 1e-5f + 1e-6f * t;
-    const Vec3 p = o + d * at;
-    const int c = grid_.cascade_of(p);
+  Traversal v;
+  v.origin = entry_;
+  v.direction = ray.direction.cast<float>();
+  v.end = static_cast<float>(t1 - t0);
+  v.stop = min_transmittance > 0 ? -std::log(min_transmittance) : Traversal::kNever;
+  for (int i = 0; i < 3; ++i) {
+    const float d = v.direction[i];
+    v.step[i] = std::fabs(d) < 1e-12f ? 0 : d > 0 ? 1 : -1;
+    v.positive[i] = d > 0;
+    v.inverse[i] = v.step[i] ? 1.0f / d : 0.0f;
+  }
+  float t = 0;
+  while (t < v.end && v.depth < v.stop) {
+    // Nudged across the border that the last stretch ended on.
+    const float at = t + 1e-6f + 1e-6f * t;
+    const int c = grid_.cascade_of(v.origin + v.direction * at);
     if (c >= grid_.cascades()) break;
-    const float width = OccupancyGrid::cell_width(c), scale = 1.0f / width;
-    int cell[3];
-    for (int i = 0; i < 3; ++i)
-      cell[i] = std::clamp(static_cast<int>(std::floor(p[i] * scale)) + kHalf, 0,
-                           OccupancyGrid::kSide - 1);
-    const int64_t brick =
-        (int64_t{cell[2] >> 2} * OccupancyGrid::kBricks + (cell[1] >> 2)) * OccupancyGrid::kBricks +
-        (cell[0] >> 2);
+    t = march_cascade(v, c, at);
+  }
+}
+
+float RaySampler::march_cascade(Traversal& v, int c, float t) {
+  constexpr int kBricks = OccupancyGrid::kBricks, kHalf = kBricks / 2;
+  const float cell_width = OccupancyGrid::cell_width(c), width = 4 * cell_width;
+  int at[3];
+  float next[3];
+  for (int i = 0; i < 3; ++i) {
+    const float p = v.origin[i] + v.direction[i] * t;
+    at[i] = std::clamp(static_cast<int>(std::floor(p / width)) + kHalf, 0, kBricks - 1);
+    next[i] = v.border(i, at[i], kHalf, width);
+  }
+  const auto in_finer = [&] {
+    for (int a : at)
+      if (a < kHalf / 2 || a >= kBricks - kHalf / 2) return false;
+    return true;
+  };
+  for (;;) {
+    const int axis = least(next);
+    const float exit = std::min(std::max(next[axis], t), v.end);
+    const int64_t brick = (int64_t{at[2]} * kBricks + at[1]) * kBricks + at[0];
     const uint64_t mask = grid_.brick_mask(c, brick);
-    const int step = mask == 0 ? 4 : 1;  // an empty brick is left in one stride
-    float exit = end;
-    for (int i = 0; i < 3; ++i) {
-      const int low = mask == 0 ? cell[i] & ~3 : cell[i];
-      const float border = static_cast<float>(low + (d[i] > 0 ? step : 0) - kHalf) * width;
-      if (std::fabs(d[i]) > 1e-12f) exit = std::min(exit, (border - o[i]) * inverse[i]);
-    }
-    exit = std::min(std::max(exit, at), end);
-    const int in = (cell[2] & 3) * 16 + (cell[1] & 3) * 4 + (cell[0] & 3);
-    if (mask >> in & 1) {
+    if (mask != 0) march_brick(v, c, brick, mask, at, t, exit);
+    t = exit;
+    if (t >= v.end || v.depth >= v.stop) return t;
+    at[axis] += v.step[axis];
+    if (at[axis] < 0 || at[axis] >= kBricks) return t;
+    if (c > 0 && in_finer()) return t;
+    next[axis] = v.border(axis, at[axis], kHalf, width);
+  }
+}
+
+void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask, const int brick_at[3],
+                             float t, float brick_exit) {
+  constexpr int kHalf = OccupancyGrid::kSide / 2;
+  const float width = OccupancyGrid::cell_width(c), scale = 1.0f / width;
+  int at[3];
+  float next[3];
+  for (int i = 0; i < 3; ++i) {
+    const float p = v.origin[i] + v.direction[i] * t;
+    const int first = brick_at[i] * 4;
+    at[i] = std::clamp(static_cast<int>(std::floor(p * scale)) + kHalf, first, first + 3);
+    next[i] = v.border(i, at[i], kHalf, width);
+  }
+  for (;;) {
+    const int axis = least(next);
+    const float exit = std::min(std::max(next[axis], t), brick_exit);
+    const int in = (at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3);
+    if ((mask >> in & 1) && exit > t) {
       const float tau = grid_.thickness(c, brick * 64 + in) * (exit - t) * scale;
-      segments_.push_back({t, exit, tau});
-      depth += tau;
+      segments_[static_cast<size_t>(segment_count_++)] = {t, exit, tau};
+      v.depth += tau;
+      if (v.depth >= v.stop) return;
     }
     t = exit;
+    if (t >= brick_exit) return;
+    const int moved = at[axis] + v.step[axis];
+    if ((moved ^ at[axis]) & ~3) return;  // out of the brick
+    at[axis] = moved;
+    next[axis] = v.border(axis, moved, kHalf, width);
   }
 }
 
 // Mass of each segment: the share of light that the cache says comes from it, spread to its direct
 // neighbours (they may hold the surface just as well), and a uniform share of the ray's matter.
 int RaySampler::choose_count(bool follow_cache) {
-  const size_t n = segments_.size();
-  mass_.resize(n);
+  const size_t n = static_cast<size_t>(segment_count_);
   float length = 0;
-  for (const Segment& s : segments_) length += s.t1 - s.t0;
+  for (const Segment& s : segments()) length += s.t1 - s.t0;
   float transmittance = 1;
   for (size_t i = 0; i < n; ++i) {
     const float pass = std::exp(-segments_[i].thickness);
@@ -117,7 +185,7 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
   out.t.clear();
   out.delta.clear();
   march(ray, follow_cache ? options_.min_transmittance : 0);
-  if (segments_.empty()) return 0;
+  if (segment_count_ == 0) return 0;
   const int count = choose_count(follow_cache);
   // Inverse of the distribution at the borders k / count of equal mass (interval lengths) and at one
   // place inside each (positions), in one walk over the segments.
@@ -125,7 +193,7 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
   float below = 0;  // mass of the segments before s
   float matter = 0; // their length
   const auto advance = [&](float target, float& length) {
-    while (s + 1 < segments_.size() && below + mass_[s] < target) {
+    while (s + 1 < static_cast<size_t>(segment_count_) && below + mass_[s] < target) {
       below += mass_[s];
       matter += segments_[s].t1 - segments_[s].t0;
       ++s;
@@ -154,7 +222,7 @@ int RaySampler::sample_all(const Ray& ray, int per_cell, RaySamples& out) {
   out.t.clear();
   out.delta.clear();
   march(ray, 0);
-  for (const Segment& s : segments_) {
+  for (const Segment& s : segments()) {
     const float width = (s.t1 - s.t0) / static_cast<float>(per_cell);
     for (int k = 0; k < per_cell; ++k) {
       out.t.push_back(s.t0 + (static_cast<float>(k) + 0.5f) * width);

@@ -5,10 +5,12 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <numeric>
 
 #include "nerf/base/error.h"
 #include "nerf/math/contraction.h"
 #include "train/trainer_impl.h"
+#include "train/visibility.h"
 
 namespace nerf {
 
@@ -69,6 +71,7 @@ Trainer::Impl::Impl(const Scene& s, const PhotoSet& p, const TrainOptions& o, Th
   for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
   chunk_squared_error.resize(static_cast<size_t>(batch.max_chunks));
+  chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
   bias_corrections(AdamStep(), corrections.data());
   initialise();
@@ -83,13 +86,16 @@ void Trainer::Impl::initialise() {
       const Vec3 centre = OccupancyGrid::cell_corner(i, c) + Vec3{0.5f * w, 0.5f * w, 0.5f * w};
       if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
     }
+  switch_off_impossible_cells(scene, photos, pool, field.occupancy);
   field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold));
 }
 
 float Trainer::Impl::rate_at(int64_t step) const {
   const double total = static_cast<double>(std::max<int64_t>(options.steps, 1));
-  const double at = std::min(1.0, static_cast<double>(step) / total);
-  const double rise = options.warmup > 0 ? std::min(1.0, (at + 1 / total) / options.warmup) : 1;
+  const double done_share = std::min(1.0, static_cast<double>(step) / total);
+  const double at = std::max(0.0, done_share - options.hold) / (1 - options.hold);
+  const double rise =
+      std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
   return static_cast<float>(options.rate * rate_factor * rise *
                             std::pow(options.final_rate, at));
 }
@@ -131,8 +137,11 @@ StepReport Trainer::Impl::step() {
   for (int c = 0; c < batch.chunks; ++c) {
     report.loss += chunk_loss[static_cast<size_t>(c)];
     squared += chunk_squared_error[static_cast<size_t>(c)];
+    report.opacity += chunk_opacity[static_cast<size_t>(c)];
   }
   const double values = 3.0 * static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
+  check_loss(report.loss + squared);
+  report.opacity /= values / 3;
   report.psnr = -10 * std::log10(std::max(squared / values, 1e-10));
   report.rays = batch.rays_considered;
   report.samples = batch.total_samples;
@@ -183,6 +192,8 @@ void Trainer::Impl::run_chunks() {
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
       chunk_loss[i] = chunk.loss;
       chunk_squared_error[i] = chunk.squared_error;
+      const float* opacity = chunk.data(tape.image.pixel) + 3 * chunk.stride(tape.image.pixel);
+      chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
     }
   });
 }
@@ -229,12 +240,14 @@ void Trainer::Impl::update(float rate) {
   std::fill_n(gradient, n, 0.0f);
   for (const auto& a : accumulators)
     for (size_t i = 0; i < n; ++i) gradient[i] += a[i];
+  check_gradient();
 
   AdamStep adam;
-  adam.rate = rate;
+  adam.rate = rate * static_cast<float>(options.network_rate);
   adam.l2 = static_cast<float>(options.network_l2);
   adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
              optimiser.network_v.data(), field.weights.data());
+  adam.rate = rate;
   adam.l2 = 0;
   constexpr int64_t kRows = 8192;
   const int64_t rows = static_cast<int64_t>(field.shape.rows);

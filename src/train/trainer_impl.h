@@ -33,6 +33,9 @@ struct Trainer::Impl {
   void scatter();
   void observe_samples();
   void update(float rate);
+  // Throw NonFiniteError that names the step and what is not finite (health.cc).
+  void check_loss(double loss) const;
+  void check_gradient() const;  // of the networks, reduced
   void refresh_occupancy();
   void initialise();
 
@@ -53,7 +56,7 @@ struct Trainer::Impl {
   AlignedArray<float> features, d_features;  // [chunk][4 L][kChunkSamples]
   AlignedArray<float> densities;             // [chunk][kChunkSamples]
   std::vector<AlignedArray<float>> accumulators;
-  std::vector<double> chunk_loss, chunk_squared_error;
+  std::vector<double> chunk_loss, chunk_squared_error, chunk_opacity;
 
   // State of the run besides the arrays above.
   int64_t done = 0;

@@ -37,6 +37,7 @@ struct Common {
 struct Options {
   bool fast = false;
   int64_t big = 5;
+  int huge = 1;
   float rate = 0.1f;
   double share = 0.25;
   std::string name = "grid";
@@ -49,6 +50,7 @@ struct Options {
   void visit_options(V& v) {
     v("fast", fast, "quick and rough");
     v("big", big, "any integer");
+    v("huge", huge, "a large range", at_least(1), at_most(100000));
     v("rate", rate, "learning rate", above(0));
     v("share", share, "share of samples", at_least(0), below(1));
     v("name", name, "method", one_of({"grid", "nerf"}));
@@ -82,7 +84,8 @@ TEST(Options, FieldsComeInOrderWithGroupsPrefixed) {
   Options options;
   std::string names;
   for (const OptionField& f : option_fields(options)) names += f.name + " ";
-  EXPECT_EQ(names, "fast big rate share name out near small march.max_steps march.space seed ");
+  EXPECT_EQ(names,
+            "fast big huge rate share name out near small march.max_steps march.space seed ");
   const auto fields = option_fields(options);
   EXPECT_EQ(field(fields, "out").short_name, 'o');
   EXPECT_EQ(field(fields, "out").placeholder, "DIR");
@@ -133,6 +136,7 @@ TEST(Options, RefusedTextNamesWhatIsAllowedAndChangesNothing) {
   EXPECT_EQ(error("march.space", "contrat"),
             "march.space: 'contrat' is not allowed (did you mean contract? allowed: identity, "
             "contract)");
+  EXPECT_EQ(error("huge", "0"), "huge: '0' is not allowed (allowed: an integer, 1 to 100000)");
   for (const char* text : {"", "1.5", "abc", "12x", "0x10", "1e3", "9223372036854775808", " 1"})
     EXPECT_NE(error("big", text), "no error") << text;
   for (const char* text : {"", "nan", "inf", "-inf", "0", "-1", "1e39", "none"})

@@ -5,21 +5,31 @@
 #include <functional>
 #include <string>
 
+#include "nerf/base/cancel.h"
+
 namespace nerf {
 
-// Runs the installed colmap on the CPU over a folder of photos (sub-folders included). `camera_model`
-// is COLMAP's name of a model. Everything is written below work_folder, nothing beside the photos.
-// Returns a folder that load_scene reads: images/ and sparse/0. `progress` gets lines for a person.
-// Throws Error: colmap not installed (with the command that installs it), colmap failed, no model.
-std::filesystem::path run_colmap_on_photos(
-    const std::filesystem::path& images, const std::filesystem::path& work_folder,
-    const std::string& camera_model, const std::function<void(const std::string&)>& progress);
+// Runs the installed colmap on the CPU over a folder of photos (sub-folders included).
+// `camera_model` is COLMAP's name of a model. Everything is written below work_folder, nothing
+// beside the photos. Returns a folder that load_scene reads: images/ (a link to the photos) and
+// sparse/0. A model that an earlier call finished for the same photos is used again; what fails or
+// is stopped leaves nothing. `progress` gets lines for a person. Every pair is matched up to 150
+// photos; beyond that each with its neighbours in the order of names, which suits frames of a walk.
+// Throws Error: colmap not installed (with the command that installs it), a truncated photo, colmap
+// failed, no model. Throws Cancelled after cancel->request().
+std::filesystem::path run_colmap_on_photos(const std::filesystem::path& images,
+                                           const std::filesystem::path& work_folder,
+                                           const std::string& camera_model,
+                                           const std::function<void(const std::string&)>& progress,
+                                           const Cancel* cancel = nullptr);
 
 // Extracts at most max_frames frames, the sharpest of each window of equal length, into a folder
-// below work_folder, and returns that folder (image files only, in order of time). Throws Error:
-// ffmpeg not installed (with the command that installs it), not a video, no frame.
-std::filesystem::path extract_video_frames(
-    const std::filesystem::path& video, const std::filesystem::path& work_folder, int max_frames,
-    const std::function<void(const std::string&)>& progress);
+// below work_folder, and returns that folder (image files only, in order of time). Frames that an
+// earlier call extracted from the same video are used again. Throws Error: ffmpeg not installed
+// (with the command that installs it), not a video, no frame. Throws Cancelled.
+std::filesystem::path extract_video_frames(const std::filesystem::path& video,
+                                           const std::filesystem::path& work_folder, int max_frames,
+                                           const std::function<void(const std::string&)>& progress,
+                                           const Cancel* cancel = nullptr);
 
 }  // namespace nerf

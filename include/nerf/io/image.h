@@ -1,5 +1,5 @@
-// Images in memory and on disk (through OpenImageIO). Pixels are taken as stored: EXIF orientation is
-// never applied, colour is not converted, alpha stays straight (not premultiplied).
+// Images in memory and on disk (through OpenImageIO). Pixels are taken as stored: EXIF orientation
+// is never applied, colour is not converted, alpha stays straight (not premultiplied).
 #pragma once
 
 #include <cstdint>

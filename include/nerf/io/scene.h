@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "nerf/base/cancel.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 
@@ -90,9 +91,11 @@ struct Scene {
 // scene's folder, a transforms .json or a video file. Of a COLMAP scene the images are those of
 // images/, or where there are none of images_2, images_4 or images_8. Runs colmap or ffmpeg for
 // photos and videos, in options.work_folder; a model found there from an earlier run on the same
-// photos is used again. `progress` gets lines for a person while those programs run. Throws Error.
+// photos is used again. `progress` gets lines for a person while those programs run, `cancel` stops
+// them. Throws Error, Cancelled.
 Scene load_scene(const std::filesystem::path& path, const SceneOptions& options = {},
-                 const std::function<void(const std::string&)>& progress = {});
+                 const std::function<void(const std::string&)>& progress = {},
+                 const Cancel* cancel = nullptr);
 
 // The report as lines for a person.
 std::string format_report(const SceneReport& report);

@@ -44,7 +44,7 @@ class OccupancyGrid {
   void observe(int cascade, int64_t cell, float seen);
 
   // Rebuilds the quantised opacities and brick masks that rays are marched through: empty are cells
-  // below min(threshold, mean opacity of those switched on).
+  // below min(threshold, mean opacity of those switched on), except the neighbours of solid ones.
   void rebuild(float threshold);
 
   // As of the last rebuild.
@@ -56,6 +56,8 @@ class OccupancyGrid {
     return thickness_of_level_[levels_[index(cascade, cell)]];
   }
   double occupied_fraction() const { return occupied_fraction_; }
+  // Around all occupied bricks; empty where there are none.
+  const Box3& occupied_box() const { return occupied_box_; }
 
   // Everything that training needs to go on, and what rendering needs.
   std::span<float> training_state() { return opacity_.span(); }
@@ -67,6 +69,7 @@ class OccupancyGrid {
   static size_t index(int cascade, int64_t cell) {
     return static_cast<size_t>(cascade) * static_cast<size_t>(kCells) + static_cast<size_t>(cell);
   }
+  void keep_neighbours_of_solid();
   void build_masks();
 
   int cascades_;
@@ -75,6 +78,7 @@ class OccupancyGrid {
   std::vector<uint64_t> masks_;
   std::array<float, 256> thickness_of_level_;
   double occupied_fraction_ = 1;
+  Box3 occupied_box_;
 };
 
 }  // namespace nerf

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "nerf/math/random.h"
@@ -22,7 +23,7 @@ struct SamplerOptions {
   int max_samples = 32;           // per ray
   int min_samples = 4;            // of a ray that meets any matter
   float samples_per_cell = 1.5f;  // of the effective number of cells that a ray's light comes from
-  float uniform_share = 0.1f;     // drawn over all occupied cells, whatever the cache says
+  float uniform_share = 1.0f;     // drawn over all occupied cells, whatever the cache says
   float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
 };
 
@@ -54,18 +55,26 @@ class RaySampler {
 
   // Of the last ray: its occupied segments, the point where the march began (found in double, since
   // far from the scene float has no digits left for it) and that point's distance from the origin.
-  const std::vector<Segment>& segments() const { return segments_; }
+  std::span<const Segment> segments() const {
+    return {segments_.data(), static_cast<size_t>(segment_count_)};
+  }
   const Vec3& entry() const { return entry_; }
   double start() const { return start_; }
 
  private:
+  struct Traversal;
   void march(const Ray& ray, float min_transmittance);
+  // Through the bricks of one cascade from t on, until the ray leaves it; returns where.
+  float march_cascade(Traversal& v, int cascade, float t);
+  void march_brick(Traversal& v, int cascade, int64_t brick, uint64_t mask, const int at[3],
+                   float t, float exit);
   int choose_count(bool follow_cache);
 
   const OccupancyGrid& grid_;
   SamplerOptions options_;
   Box3 clip_;
-  std::vector<Segment> segments_;
+  std::vector<Segment> segments_;  // of fixed size; the first segment_count_ are in use
+  int segment_count_ = 0;
   std::vector<float> mass_;  // of each segment in the coarse distribution; sums to total_mass_
   float total_mass_ = 0;
   double start_ = 0;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "nerf/base/cancel.h"
+#include "nerf/base/error.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
@@ -21,10 +23,12 @@ struct TrainOptions {
   uint64_t seed = 1;
   int64_t steps = 0;             // planned length: the rate falls over it
   int batch_samples = 1 << 16;   // network samples of a step
-  double rate = 1e-2;
-  double final_rate = 0.03;      // of the last step, as a share of `rate`
-  double warmup = 0.01;          // share of the steps over which the rate rises
-  double huber_delta = 0.1;
+  double rate = 2e-2;            // of the tables
+  double network_rate = 1;       // of the networks, as a share of `rate`
+  double final_rate = 0.1;       // of the last step, as a share of `rate`
+  int warmup_steps = 64;         // over which the rate rises
+  double hold = 0.1;             // share of the steps before the rate begins to fall
+  double huber_delta = 0.5;
   double network_l2 = 1e-6;
   double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
   GridOptions grid;
@@ -36,10 +40,15 @@ struct TrainOptions {
     v("batch_samples", batch_samples, "network samples of a step", at_least(960),
       at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
+    v("network_rate", network_rate, "step size of the networks, as a share of the tables'",
+      above(0), at_most(10));
     v("final_rate", final_rate, "step size of the last step, as a share of the first", above(0),
       at_most(1));
-    v("warmup", warmup, "share of the steps over which the step size rises", at_least(0),
-      at_most(1));
+    v("warmup_steps", warmup_steps, "steps over which the step size rises", at_least(0));
+    v("hold", hold,
+      "share of the steps before the step size begins to fall; a budget of minutes fixes the number "
+      "of steps within it",
+      at_least(0), at_most(0.9));
     v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
     v("network_l2", network_l2, "weight decay of the networks", at_least(0));
     v("occupancy_threshold", occupancy_threshold,
@@ -54,7 +63,16 @@ struct StepReport {
   double psnr = 0;         // of the step's rays, dB
   int64_t rays = 0;        // of this step
   int64_t samples = 0;     // network samples of this step: forward and backward
+  double opacity = 0;      // mean over the step's rays
   double rate = 0;
+};
+
+// A step met a loss or a gradient that is infinite or not a number, which what() names. The weights
+// are those of the step before, but the trainer must go back (restart or load_checkpoint) before
+// another step.
+class NonFiniteError : public Error {
+ public:
+  using Error::Error;
 };
 
 // Where the time of the steps so far went, seconds of wall clock.
@@ -80,18 +98,25 @@ class Trainer {
   const TrainProfile& profile() const;
   // The field as it is now; valid until the next step.
   const GridField& field() const;
+  // Mean alpha of the training photos, from a sample of their pixels.
+  double photo_opacity() const;
   // A copy to render from or save.
   RadianceField snapshot() const;
 
-  // Changes the planned length (a time budget fixes it after a warm-up).
+  // Changes the planned length (a time budget fixes it after a warm-up). The steps before
+  // options().hold of it do not depend on it.
   void set_planned_steps(int64_t steps);
 
-  // Everything needed to continue bit for bit.
-  void save_checkpoint(const std::filesystem::path& path) const;
-  void load_checkpoint(const std::filesystem::path& path);
+  // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
+  // returns. Loading throws Error for a damaged file, another version, another scene (names, sizes,
+  // cameras, split) and options that differ in anything but `steps`, which becomes the file's.
+  void save_checkpoint(const std::filesystem::path& path, const std::string& run_state = "") const;
+  std::string load_checkpoint(const std::filesystem::path& path);
 
   // Restores the weights as they were at the start with another salt for every random number.
   void restart(uint64_t salt, double rate_factor);
+  // Another salt and rate from the next step on, everything else as it is.
+  void vary(uint64_t salt, double rate_factor);
 
  private:
   struct Impl;

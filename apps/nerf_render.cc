@@ -1,0 +1,69 @@
+// nerf_render: new views of a trained model as pictures and video.
+#include <fmt/format.h>
+
+#include "app.h"
+#include "nerf/base/file.h"
+#include "nerf/base/progress.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/video.h"
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+#include "options_cli.h"
+#include "render_frames.h"
+#include "render_options.h"
+#include "render_plan.h"
+
+namespace nerf::apps {
+namespace {
+
+int render_main(int argc, char** argv) {
+  RenderCommand command;
+  if (parse_command_line(argc, argv, render_program_text(), command).exit) return kExitOk;
+  const SignalCancel stop;
+  ThreadPool pool(command.threads);
+  log_machine("nerf_render", pool.size(), "f32");
+
+  const auto model = find_model_file(command.run);
+  const RadianceField field = RadianceField::load(model);
+  const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes());
+  for (const std::string& note : plan.notes) log_warning(note);
+  make_writable_folder(command.out);
+  if (!command.mp4.empty()) check_video_output(command.mp4);
+
+  RenderOptions options;
+  options.background = command.background;
+  options.bbox = command.bbox;
+  const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
+                                        const std::function<void(double)>& progress) {
+    return render(field, camera, camera_to_world, options, pool, progress, &stop.cancel());
+  };
+  Progress progress("rendering");
+  const RenderedFiles files = render_frames(plan, command.out, render_one, progress, stop.cancel());
+  progress.finish();
+
+  const std::string folder = command.out.string();
+  if (files.cancelled) {
+    log_info(fmt::format("nerf_render: stopped by a signal; {} of {} frames are in {}",
+                         files.color.size(), plan.frames.size(), folder));
+    return stop.exit_code();
+  }
+  const double seconds = progress.elapsed_seconds();
+  log_info(fmt::format("{} frames in {}, {:.2f} s each: {}", files.color.size(),
+                       format_duration(seconds), seconds / static_cast<double>(files.color.size()),
+                       folder));
+  if (command.depth && !files.depth.empty())
+    log_info(fmt::format("depth from {:.4g} (red) to {:.4g} (blue), input unit: {}",
+                         files.depth.near, files.depth.far, (command.out / "depth").string()));
+  if (!command.mp4.empty()) {
+    write_video(command.mp4, files.color, plan.fps);
+    log_info(fmt::format("video at {:g} frames per second: {}", plan.fps, command.mp4.string()));
+  }
+  return kExitOk;
+}
+
+}  // namespace
+}  // namespace nerf::apps
+
+int main(int argc, char** argv) {
+  return nerf::apps::run_main("nerf_render", [&] { return nerf::apps::render_main(argc, argv); });
+}

@@ -1,0 +1,39 @@
+#include "render_options.h"
+
+#include <charconv>
+
+#include "nerf/base/error.h"
+
+namespace nerf::apps {
+
+std::optional<ImageSize> parse_image_size(const std::string& text) {
+  ImageSize size;
+  const char* end = text.data() + text.size();
+  const auto width = std::from_chars(text.data(), end, size.width);
+  if (width.ec != std::errc() || width.ptr == end || *width.ptr != 'x') return std::nullopt;
+  const auto height = std::from_chars(width.ptr + 1, end, size.height);
+  if (height.ec != std::errc() || height.ptr != end) return std::nullopt;
+  for (const int side : {size.width, size.height})
+    if (side < 1 || side > kLargestSide) return std::nullopt;
+  return size;
+}
+
+void RenderCommand::check_options() const {
+  if (size && downscale > 1)
+    throw Error("--size and --downscale exclude each other", "", "give the final size to --size");
+  if (out.empty()) throw Error("the folder's name is empty", "--out");
+  if (!mp4.empty() && mp4.extension() != ".mp4")
+    throw Error("'" + mp4.string() + "' does not end in .mp4", "--mp4");
+}
+
+ProgramText render_program_text() {
+  return {"nerf_render", "Renders pictures and videos of a trained radiance field.",
+          "Pictures are PNG files named after the views they show (orbit_0000.png, ...); near is "
+          "red and far\nis blue in depth pictures. Coordinates are those of the capture that the "
+          "model was trained on.\n"
+          "Exit code 0: done, 2: something to correct, 128 + n: stopped by signal n.\n\n"
+          "  nerf_render run --views test -o renders\n"
+          "  nerf_render run --views orbit -o orbit --size 800x600 --mp4 orbit.mp4"};
+}
+
+}  // namespace nerf::apps

@@ -1,0 +1,91 @@
+// Command line of nerf_render.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "nerf/base/options.h"
+#include "nerf/math/option_types.h"
+#include "options_cli.h"
+
+namespace nerf {
+namespace apps {
+
+// Pixels; "WxH" as an option.
+struct ImageSize {
+  int width = 0, height = 0;
+};
+inline constexpr int kLargestSide = 16384;
+
+// No value where `text` is not two whole numbers from 1 to kLargestSide with an x between them.
+std::optional<ImageSize> parse_image_size(const std::string& text);
+
+}  // namespace apps
+
+template <>
+struct OptionTraits<apps::ImageSize> {
+  static constexpr OptionType kType = OptionType::kText;
+  static void describe(OptionField& f) {
+    f.placeholder = "WxH";
+    f.problem = [](const OptionValue& v) -> std::string {
+      if (apps::parse_image_size(std::get<std::string>(v))) return "";
+      return "give width and height in pixels, 1 to " + std::to_string(apps::kLargestSide) +
+             ", as in 800x600";
+    };
+  }
+  static OptionValue to_value(const apps::ImageSize& s) {
+    return std::to_string(s.width) + "x" + std::to_string(s.height);
+  }
+  static apps::ImageSize from_value(const OptionValue& v) {
+    return apps::parse_image_size(std::get<std::string>(v)).value();
+  }
+};
+
+namespace apps {
+
+struct RenderCommand {
+  std::filesystem::path run;
+  std::string views = "test";
+  std::filesystem::path out;
+  std::optional<ImageSize> size;
+  int downscale = 1;
+  std::optional<int> frames;
+  std::optional<double> fps;
+  std::filesystem::path mp4;
+  bool depth = true;
+  std::optional<Box3> bbox;
+  Vec3 background{1, 1, 1};
+  int threads = 0;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("run", run, "folder that nerf_train wrote, or a model file", positional(), required(),
+      placeholder("RUN"));
+    v("views", views,
+      "what to show: test, train, orbit, spiral, ellipse, interpolate, or a camera path in "
+      "nerfstudio's JSON format, in the input model's coordinates",
+      placeholder("VIEWS"));
+    v("out", out, "folder that the pictures go to", short_name('o'), required(),
+      placeholder("DIR"));
+    v("size", size, "size of the pictures; without it that of the photos");
+    v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64));
+    v("frames", frames, "length of orbit, spiral, ellipse and interpolate; without it 120",
+      at_least(1), at_most(100000));
+    v("fps", fps, "frames per second of the video; without it the camera path's, or 30",
+      at_least(0.1), at_most(1000));
+    v("mp4", mp4, "also writes the colour frames as a video", placeholder("FILE"));
+    v("depth", depth, "colour-mapped depth pictures in DIR/depth");
+    v("bbox", bbox, "draws nothing outside this box, input coordinates");
+    v("background", background, "sRGB colour behind the scene, each 0 to 1", at_least(0),
+      at_most(1), placeholder("R,G,B"));
+    v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
+  }
+  // Throws Error for combinations that cannot be.
+  void check_options() const;
+};
+
+ProgramText render_program_text();
+
+}  // namespace apps
+}  // namespace nerf

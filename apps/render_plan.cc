@@ -1,0 +1,154 @@
+#include "render_plan.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "nerf/base/error.h"
+#include "nerf/base/nearest_name.h"
+#include "nerf/io/camera_path.h"
+
+namespace nerf::apps {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kDefaultFrames = 120;
+// Per pixel, at the peak: five floats of the frame, two 8-bit pictures, the encoder's copy, the
+// sorted depths.
+constexpr uint64_t kBytesPerPixel = 64;
+
+struct Views {
+  CameraPath path;
+  bool photos = false;  // the cameras are those of photos, with their lenses
+};
+
+Views find_views(const RenderCommand& command, const ModelInfo& info) {
+  const auto kinds = option_names(PathKind{});
+  const auto kind = std::find_if(kinds.begin(), kinds.end(),
+                                 [&](const auto& entry) { return command.views == entry.name; });
+  Views views;
+  views.photos =
+      kind != kinds.end() && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
+  if (command.frames && (views.photos || kind == kinds.end()))
+    throw Error("--frames is for orbit, spiral, ellipse and interpolate", "--frames",
+                "leave it out: these views have a number of their own");
+  if (kind != kinds.end()) {
+    PathOptions options;
+    options.frames = command.frames.value_or(kDefaultFrames);
+    views.path = make_camera_path(info, kind->value, options);
+  } else if (command.views.ends_with(".json") || fs::exists(command.views)) {
+    views.path = read_camera_path(command.views);
+  } else {
+    std::vector<std::string> names;
+    for (const auto& entry : kinds) names.emplace_back(entry.name);
+    throw Error("'" + command.views + "' is neither a known kind of views nor a file", "--views",
+                nearest_name_hint(command.views, names));
+  }
+  if (command.fps) views.path.fps = *command.fps;
+  return views;
+}
+
+// A photo's camera is scaled with its lens; a path's camera keeps its height's field of view and
+// square pixels.
+Camera resized(const Camera& camera, int width, int height, bool photo) {
+  if (width == camera.width && height == camera.height) return camera;
+  if (photo) return camera.scaled_to(width, height);
+  Camera result = camera;
+  const double factor = static_cast<double>(height) / camera.height;
+  result.width = width;
+  result.height = height;
+  result.params[0] *= factor;
+  result.params[1] *= factor;
+  result.params[2] = 0.5 * width;
+  result.params[3] = 0.5 * height;
+  return result;
+}
+
+Camera sized(const RenderCommand& command, const Camera& camera, bool photo) {
+  if (command.size) return resized(camera, command.size->width, command.size->height, photo);
+  const auto divided = [&](int side) {
+    return std::max(1, (side + command.downscale / 2) / command.downscale);
+  };
+  return resized(camera, divided(camera.width), divided(camera.height), true);
+}
+
+void check_size(const Camera& camera, uint64_t memory_bytes) {
+  const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
+  const uint64_t bytes = pixels * kBytesPerPixel;
+  if (bytes <= memory_bytes) return;
+  throw Error(fmt::format("a picture of {}x{} needs {:.1f} GB of memory, and {:.1f} GB are there",
+                          camera.width, camera.height, static_cast<double>(bytes) * 1e-9,
+                          static_cast<double>(memory_bytes) * 1e-9),
+              "--size", "give a smaller --size");
+}
+
+// A file that no other frame has: two photos may differ in their extension only, and a view may
+// stand in a folder named depth.
+fs::path unused(const fs::path& file, std::set<fs::path>& used) {
+  fs::path candidate = file;
+  for (int i = 2; !used.insert(candidate).second; ++i)
+    candidate = file.parent_path() / fmt::format("{}_{}.png", file.stem().string(), i);
+  return candidate;
+}
+
+}  // namespace
+
+fs::path find_model_file(const fs::path& run) {
+  std::error_code error;
+  const fs::file_status status = fs::status(run, error);
+  if (!fs::exists(status))
+    throw Error("no such file or folder", run.string(),
+                "give the folder that nerf_train wrote, or a model file");
+  if (!fs::is_directory(status)) return run;
+  fs::path model = run / "model.nerf";
+  if (!fs::exists(model, error))
+    throw Error("there is no model.nerf in this folder", run.string(),
+                "train one with: nerf_train SCENE -o " + run.string());
+  return model;
+}
+
+fs::path picture_file(const std::string& view_name) {
+  fs::path file;
+  for (const fs::path& part : fs::path(view_name).relative_path())
+    if (!part.empty() && part != ".." && part != ".") file /= part;
+  if (file.empty()) file = "view";
+  return file.replace_extension(".png");
+}
+
+RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
+                            uint64_t memory_bytes) {
+  const Views views = find_views(command, info);
+  RenderPlan plan;
+  plan.fps = views.path.fps;
+  plan.notes = views.path.notes;
+  std::set<fs::path> used;
+  bool stretched = false;
+  for (const PathFrame& view : views.path.frames) {
+    PlannedFrame frame;
+    frame.name = view.name;
+    frame.camera = sized(command, view.camera, views.photos);
+    frame.camera_to_world = view.camera_to_world;
+    frame.color = unused(picture_file(view.name), used);
+    check_size(frame.camera, memory_bytes);
+    const double aspect = static_cast<double>(frame.camera.width) * view.camera.height /
+                          (static_cast<double>(frame.camera.height) * view.camera.width);
+    stretched |= command.size && views.photos && std::abs(aspect - 1) > 0.02;
+    plan.frames.push_back(std::move(frame));
+  }
+  if (stretched)
+    plan.notes.emplace_back("--size has other proportions than the photos: pictures are stretched");
+  if (command.depth)
+    for (PlannedFrame& frame : plan.frames) frame.depth = unused("depth" / frame.color, used);
+  if (!command.mp4.empty())
+    for (const PlannedFrame& frame : plan.frames)
+      if (frame.camera.width != plan.frames[0].camera.width ||
+          frame.camera.height != plan.frames[0].camera.height)
+        throw Error("the views have different sizes, and a video has one", "--mp4",
+                    "give the size of the pictures with --size");
+  return plan;
+}
+
+}  // namespace nerf::apps

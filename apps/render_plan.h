@@ -1,0 +1,42 @@
+// From the command line and what the model knows to a list of pictures: cameras, sizes, files.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "nerf/math/camera.h"
+#include "nerf/math/vec.h"
+#include "nerf/model/model_info.h"
+#include "render_options.h"
+
+namespace nerf::apps {
+
+struct PlannedFrame {
+  std::string name;             // of the view
+  Camera camera;                // at the size to render
+  Pose camera_to_world;         // input coordinates
+  std::filesystem::path color;  // files, below the output folder
+  std::filesystem::path depth;  // empty: not wanted
+};
+
+struct RenderPlan {
+  std::vector<PlannedFrame> frames;
+  double fps = 30;
+  std::vector<std::string> notes;  // for the user
+};
+
+// The model file of a RUN argument: the file itself, or model.nerf in that folder. Throws Error.
+std::filesystem::path find_model_file(const std::filesystem::path& run);
+
+// Throws Error for views that are neither a known word nor a file, what make_camera_path and
+// read_camera_path refuse, --frames where the views have a number of their own, pictures that do
+// not fit into `memory_bytes`, and pictures of different sizes where a video is wanted.
+RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
+                            uint64_t memory_bytes);
+
+// File of a view's picture below a folder: sub-folders kept, extension replaced by .png, parts that
+// would lead out of the folder ("..", a leading "/") dropped.
+std::filesystem::path picture_file(const std::string& view_name);
+
+}  // namespace nerf::apps

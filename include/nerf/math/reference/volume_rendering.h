@@ -1,0 +1,70 @@
+// Specification of volume rendering by quadrature (Mildenhall et al. 2020, equation 3).
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "nerf/math/reference/scalar.h"
+
+namespace nerf::reference {
+
+// Share of light that an interval stops: 1 - exp(-density * length).
+template <class T>
+T opacity(T density, T length) {
+  return -expm1(-density * length);
+}
+
+template <class T>
+struct RenderedRay {
+  std::array<T, 4> pixel;  // colour over the background, opacity
+  std::vector<T> weights;  // of the samples; they and the light that is left add up to 1
+};
+
+// Samples from front to back: density and interval length, three colour channels each.
+template <class T>
+RenderedRay<T> composite(const std::vector<T>& density, const std::vector<std::array<T, 3>>& colour,
+                         const std::vector<T>& delta, const std::array<T, 3>& background) {
+  RenderedRay<T> out{{T(0), T(0), T(0), T(0)}, {}};
+  T transmittance = T(1);
+  for (size_t i = 0; i < density.size(); ++i) {
+    const T alpha = opacity(density[i], delta[i]);
+    out.weights.push_back(transmittance * alpha);
+    for (size_t k = 0; k < 3; ++k) out.pixel[k] += out.weights[i] * colour[i][k];
+    transmittance *= T(1) - alpha;
+  }
+  for (size_t k = 0; k < 3; ++k) out.pixel[k] += transmittance * background[k];
+  out.pixel[3] = T(1) - transmittance;
+  return out;
+}
+
+// Gradient of g . pixel with respect to densities and colours. With the light T_{i+1} that leaves
+// sample i and all that the samples j > i and the background add, A_i:
+//   d / d density_i = delta_i (T_{i+1} (c_i . g) - A_i),   d / d c_i = w_i g
+// where opacity takes part as a fourth channel of colour 1 over a background of 0.
+template <class T>
+void composite_backward(const std::vector<T>& density, const std::vector<std::array<T, 3>>& colour,
+                        const std::vector<T>& delta, const std::array<T, 3>& background,
+                        const std::array<T, 4>& g, std::vector<T>& d_density,
+                        std::vector<std::array<T, 3>>& d_colour) {
+  using std::exp;
+  const size_t n = density.size();
+  const auto along_g = [&](const std::array<T, 3>& c) {
+    return c[0] * g[0] + c[1] * g[1] + c[2] * g[2];
+  };
+  std::vector<T> left(n + 1, T(1));  // light in front of sample i
+  for (size_t i = 0; i < n; ++i) left[i + 1] = left[i] * exp(-density[i] * delta[i]);
+  d_density.assign(n, T(0));
+  d_colour.assign(n, {});
+  T behind = left[n] * along_g(background);
+  for (size_t i = n; i-- > 0;) {
+    const T weight = left[i] * opacity(density[i], delta[i]);
+    const T seen = along_g(colour[i]) + g[3];
+    d_density[i] = delta[i] * (left[i + 1] * seen - behind);
+    for (size_t k = 0; k < 3; ++k) d_colour[i][k] = weight * g[k];
+    behind += weight * seen;
+  }
+}
+
+}  // namespace nerf::reference

@@ -1,0 +1,57 @@
+// How close a trained field comes to photos that it has not seen.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/image.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+
+namespace nerf {
+
+struct EvaluationOptions {
+  int max_views = 0;               // 0: every held-out view; else at most so many, spread evenly
+  std::filesystem::path pictures;  // folder for side-by-side pictures; empty: none are written
+};
+
+struct ViewScore {
+  std::string name;
+  double psnr = 0;     // dB, at most 100 (what 8 bits give for equal pictures is without bound)
+  double ssim = 0;
+  bool masked = false; // wholly masked out: no scores, and not in the means
+};
+
+struct Evaluation {
+  std::vector<ViewScore> views;
+  double psnr = 0, ssim = 0;  // means over the views that count; 0 where there are none
+  int counted = 0;            // views in the means
+  double seconds = 0;
+};
+
+// What is seen where nothing is: white where photos carry alpha, else mid-grey.
+Vec3 evaluation_background(bool alpha);
+
+// The photo in 8 bits, over `background` where it carries alpha.
+Image8 photo_over(const Photo& photo, const Vec3& background);
+
+// Photo, rendering and colour-mapped depth in a row; masked-out pixels of the photo are darkened.
+Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const Image8& rendering,
+                    const Frame& frame);
+
+// Renders the views of scene.test at the size of their photos and compares 8-bit pictures (PSNR and
+// SSIM of metrics.h), masked-out pixels left out. Pictures are named after the views. `progress` gets
+// the fraction done. Throws Cancelled, and Error where a picture cannot be written.
+Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoSet& photos,
+                    const EvaluationOptions& options, ThreadPool& pool,
+                    const std::function<void(double)>& progress = {},
+                    const Cancel* cancel = nullptr);
+
+}  // namespace nerf

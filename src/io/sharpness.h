@@ -1,0 +1,33 @@
+// Which frames of a video are worth keeping.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace nerf::internal {
+
+// Variance of the Laplacian (the 4-neighbour one) of a grey picture: the larger, the sharper.
+double sharpness(std::span<const uint8_t> grey, int width, int height);
+
+// Indices, ascending, of the sharpest of each of at most `max_frames` windows of equal length; all
+// where there are no more than that.
+std::vector<int> sharpest_of_windows(std::span<const double> scores, int max_frames);
+
+// Cuts a yuv4mpeg stream of grey frames, as it comes in pieces, into pictures, and scores each.
+class GreyStream {
+ public:
+  void add(std::span<const uint8_t> bytes);
+  const std::vector<double>& scores() const { return scores_; }
+
+ private:
+  bool take_header();
+  bool take_frame();
+
+  std::vector<uint8_t> pending_;
+  size_t used_ = 0;  // bytes of pending_ that are done with
+  int width_ = 0, height_ = 0;
+  std::vector<double> scores_;
+};
+
+}  // namespace nerf::internal

@@ -1,0 +1,107 @@
+#include "model/model_info_json.h"
+
+#include <cmath>
+
+namespace nerf::internal {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int64_t kLargestSide = 1 << 20;  // pixels
+
+Json rotation_to_json(const Mat3d& r) {
+  Json list = Json::array();
+  for (const auto& row : r.m)
+    for (double x : row) list.push_back(x);
+  return list;
+}
+
+Json vector_to_json(const Vec3d& v) { return {v.x, v.y, v.z}; }
+
+Vec3d vector_from(const JsonFields& f, const char* key) {
+  const auto v = f.numbers(key, 3);
+  return {v[0], v[1], v[2]};
+}
+
+Mat3d rotation_from(const JsonFields& f, const char* key) {
+  const auto v = f.numbers(key, 9);
+  Mat3d r;
+  for (size_t i = 0; i < 9; ++i) r.m[i / 3][i % 3] = v[i];
+  const Mat3d product = r * r.transposed();
+  for (size_t i = 0; i < 9; ++i)
+    if (!(std::fabs(product.m[i / 3][i % 3] - (i % 4 == 0 ? 1 : 0)) < 1e-3))
+      f.fail("is not a rotation", key);
+  return r;
+}
+
+Json camera_to_json(const Camera& camera) {
+  Json params = Json::array();
+  for (int i = 0; i < camera_model_params(camera.model); ++i)
+    params.push_back(camera.params[static_cast<size_t>(i)]);
+  return {{"model", camera_model_name(camera.model)},
+          {"width", camera.width},
+          {"height", camera.height},
+          {"params", params}};
+}
+
+Camera camera_from(const JsonFields& f) {
+  Camera camera;
+  const auto model = camera_model_from_name(f.text("model"));
+  if (!model) f.fail("'" + f.text("model") + "' is no camera model", "model");
+  camera.model = *model;
+  camera.width = static_cast<int>(f.integer("width", 1, kLargestSide));
+  camera.height = static_cast<int>(f.integer("height", 1, kLargestSide));
+  const auto params = f.numbers("params", static_cast<size_t>(camera_model_params(*model)));
+  std::copy(params.begin(), params.end(), camera.params.begin());
+  return camera;
+}
+
+}  // namespace
+
+Json model_info_to_json(const ModelInfo& info) {
+  Json views = Json::array();
+  for (const ModelView& v : info.views)
+    views.push_back({{"name", v.name},
+                     {"held_out", v.held_out},
+                     {"time", v.time},
+                     {"camera", camera_to_json(v.camera)},
+                     {"rotation", rotation_to_json(v.pose.rotation)},
+                     {"centre", vector_to_json(v.pose.translation)}});
+  return {{"method", info.method},
+          {"unbounded", info.unbounded},
+          {"alpha", info.alpha},
+          {"near", info.near},
+          {"far", info.far},
+          {"to_engine",
+           {{"scale", info.to_engine.scale},
+            {"rotation", rotation_to_json(info.to_engine.rotation)},
+            {"centre", vector_to_json(info.to_engine.center)}}},
+          {"views", views}};
+}
+
+ModelInfo model_info_from_json(const JsonFields& header) {
+  ModelInfo info;
+  info.method = header.text("method");
+  info.unbounded = header.boolean("unbounded");
+  info.alpha = header.boolean("alpha");
+  info.near = header.number("near");
+  info.far = header.number("far");
+  const JsonFields frame = header.object("to_engine");
+  info.to_engine.scale = frame.number("scale");
+  if (!(info.to_engine.scale > 0)) frame.fail("must be above 0", "scale");
+  info.to_engine.rotation = rotation_from(frame, "rotation");
+  info.to_engine.center = vector_from(frame, "centre");
+  for (const JsonFields& v : header.objects("views")) {
+    ModelView view;
+    view.name = v.text("name");
+    view.held_out = v.boolean("held_out");
+    view.time = v.number("time");
+    view.camera = camera_from(v.object("camera"));
+    view.pose.rotation = rotation_from(v, "rotation");
+    view.pose.translation = vector_from(v, "centre");
+    info.views.push_back(std::move(view));
+  }
+  return info;
+}
+
+}  // namespace nerf::internal

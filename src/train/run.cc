@@ -1,0 +1,236 @@
+#include "nerf/train/run.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "model/json_fields.h"
+#include "nerf/base/error.h"
+#include "nerf/math/random.h"
+#include "train/run_speed.h"
+
+namespace nerf {
+namespace {
+
+using internal::JsonFields;
+using internal::SpeedMeter;
+
+// A plan that is not fixed yet: far enough for every step to lie before TrainOptions::hold of it.
+constexpr int64_t kNoPlan = int64_t{1} << 40;
+// Share of the budget after which the plan is fixed, relative to TrainOptions::hold: early steps may
+// be faster than late ones, and must not leave the hold before.
+constexpr double kPlanWithinHold = 0.8;
+constexpr double kEmptyOpacity = 0.001;
+constexpr double kEmptyShare = 0.02;  // of the photos' own opacity
+
+double seconds_now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+class Run {
+ public:
+  Run(Trainer& trainer, const RunOptions& options, const RunCallbacks& callbacks,
+      const std::filesystem::path& checkpoint, const Cancel* cancel)
+      : trainer_(trainer),
+        options_(options),
+        callbacks_(callbacks),
+        checkpoint_(checkpoint),
+        cancel_(cancel),
+        budget_(60 * options.minutes),
+        photo_opacity_(trainer.photo_opacity()) {
+    if (budget_ > 0) trainer_.set_planned_steps(kNoPlan);
+  }
+
+  void resume() {
+    restore(trainer_.load_checkpoint(checkpoint_));
+    have_checkpoint_ = true;
+  }
+
+  RunResult run() {
+    next_save_ = result_.train_seconds + 60 * options_.checkpoint_every;
+    next_evaluation_ = result_.train_seconds + 60 * options_.eval_every;
+    while (trainer_.steps_done() < trainer_.options().steps && !stopped()) step();
+    result_.steps = trainer_.steps_done();
+    save();
+    if (!stopped()) evaluate(/*last=*/true);
+    result_.cancelled = stopped();
+    return result_;
+  }
+
+ private:
+  bool stopped() const { return stopped_ || (cancel_ && cancel_->requested()); }
+  bool plan_known() const { return trainer_.options().steps < kNoPlan; }
+
+  void step() {
+    const double begin = seconds_now();
+    StepReport report;
+    std::string failure;
+    try {
+      report = trainer_.step();
+    } catch (const NonFiniteError& error) {
+      failure = error.what();
+    }
+    const double took = seconds_now() - begin;
+    result_.train_seconds += took;
+    if (!failure.empty()) {
+      go_back(failure, /*to_checkpoint=*/true);
+      return;
+    }
+    result_.samples += report.samples;
+    result_.rays += report.rays;
+    speed_.add(took, report);
+    if (budget_ > 0 && !plan_known()) plan_when_due();
+    if (is_empty(report)) {
+      go_back("the scene stays empty: after " + std::to_string(report.step) +
+                  " steps no ray meets anything",
+              /*to_checkpoint=*/false);
+      return;
+    }
+    if (callbacks_.step) callbacks_.step(progress(report));
+    if (trainer_.steps_done() >= trainer_.options().steps) return;
+    if (options_.checkpoint_every > 0 && result_.train_seconds >= next_save_) {
+      save();
+      next_save_ = result_.train_seconds + 60 * options_.checkpoint_every;
+    }
+    if (options_.eval_every > 0 && result_.train_seconds >= next_evaluation_) {
+      evaluate(/*last=*/false);
+      next_evaluation_ = result_.train_seconds + 60 * options_.eval_every;
+    }
+  }
+
+  void plan_when_due() {
+    const double share = std::max(kPlanWithinHold * trainer_.options().hold, 0.02);
+    if (result_.train_seconds < share * budget_ || speed_.steps() < 3) return;
+    plan();
+  }
+
+  // As many steps as the rest of the budget has room for.
+  void plan() {
+    const double left = std::max(budget_ - result_.train_seconds, 0.0);
+    const int64_t steps =
+        trainer_.steps_done() +
+        std::max<int64_t>(1, static_cast<int64_t>(left / speed_.step_seconds_ahead()));
+    trainer_.set_planned_steps(steps);
+    if (callbacks_.planned) callbacks_.planned(steps);
+  }
+
+  bool is_empty(const StepReport& report) {
+    opacity_ += (report.step <= 1 ? 1.0 : 0.05) * (report.opacity - opacity_);
+    const int64_t due = std::min<int64_t>(options_.empty_after, trainer_.options().steps);
+    return report.step >= due && opacity_ < std::min(kEmptyOpacity, kEmptyShare * photo_opacity_);
+  }
+
+  void go_back(const std::string& reason, bool to_checkpoint) {
+    if (++result_.failures > kMostFailures)
+      throw Error("training was given up after going back " + std::to_string(kMostFailures) +
+                      " times: " + reason,
+                  "",
+                  "check the photos and poses in the scene report, or lower --rate");
+    const uint64_t salt = mix64(trainer_.options().seed + static_cast<uint64_t>(result_.failures));
+    const double rate_factor = std::ldexp(1.0, -result_.failures);
+    const bool planned = budget_ > 0 && plan_known();
+    if (to_checkpoint && have_checkpoint_) {
+      trainer_.load_checkpoint(checkpoint_);
+      trainer_.vary(salt, rate_factor);
+    } else {
+      trainer_.restart(salt, rate_factor);
+      opacity_ = 0;
+    }
+    if (planned)
+      plan();
+    else if (budget_ > 0)
+      trainer_.set_planned_steps(kNoPlan);
+    if (callbacks_.went_back) callbacks_.went_back(reason, trainer_.steps_done());
+  }
+
+  RunProgress progress(const StepReport& report) const {
+    RunProgress p;
+    p.report = report;
+    p.train_seconds = result_.train_seconds;
+    if (plan_known()) {
+      p.planned_steps = trainer_.options().steps;
+      const int64_t left = p.planned_steps - report.step;
+      p.fraction = static_cast<double>(report.step) / static_cast<double>(p.planned_steps);
+      p.seconds_left = static_cast<double>(left) * speed_.step_seconds();
+    } else {
+      p.fraction = std::min(1.0, result_.train_seconds / budget_);
+      p.seconds_left = std::max(0.0, budget_ - result_.train_seconds);
+    }
+    p.samples_per_second = speed_.samples_per_second();
+    p.rays_per_second = speed_.rays_per_second();
+    p.psnr = speed_.psnr();
+    return p;
+  }
+
+  void save() {
+    if (checkpoint_.empty()) return;
+    const double begin = seconds_now();
+    trainer_.save_checkpoint(checkpoint_, state());
+    have_checkpoint_ = true;
+    if (callbacks_.saved) callbacks_.saved();
+    result_.saving_seconds += seconds_now() - begin;
+  }
+
+  void evaluate(bool last) {
+    if (!callbacks_.evaluate) return;
+    const double begin = seconds_now();
+    try {
+      callbacks_.evaluate(last);
+    } catch (const Cancelled&) {
+      stopped_ = true;
+    }
+    result_.evaluation_seconds += seconds_now() - begin;
+  }
+
+  std::string state() const {
+    return nlohmann::ordered_json{{"minutes", options_.minutes},
+                                  {"train_seconds", result_.train_seconds},
+                                  {"evaluation_seconds", result_.evaluation_seconds},
+                                  {"saving_seconds", result_.saving_seconds},
+                                  {"samples", result_.samples},
+                                  {"rays", result_.rays},
+                                  {"failures", result_.failures},
+                                  {"opacity", opacity_}}
+        .dump();
+  }
+
+  void restore(const std::string& text) {
+    if (text.empty()) return;  // saved by a program that drives its trainer itself
+    const JsonFields f = JsonFields::parse(text, checkpoint_.string() + ": run");
+    budget_ = 60 * f.number("minutes");
+    result_.train_seconds = f.number("train_seconds");
+    result_.evaluation_seconds = f.number("evaluation_seconds");
+    result_.saving_seconds = f.number("saving_seconds");
+    result_.samples = f.integer("samples", 0, INT64_MAX);
+    result_.rays = f.integer("rays", 0, INT64_MAX);
+    result_.failures = static_cast<int>(f.integer("failures", 0, kMostFailures));
+    opacity_ = f.number("opacity");
+  }
+
+  Trainer& trainer_;
+  const RunOptions& options_;
+  const RunCallbacks& callbacks_;
+  const std::filesystem::path& checkpoint_;
+  const Cancel* cancel_;
+  double budget_;         // seconds; 0: the plan is given in steps
+  double photo_opacity_;
+  RunResult result_;
+  SpeedMeter speed_;
+  double opacity_ = 0;    // of the last steps' rays
+  double next_save_ = 0, next_evaluation_ = 0;
+  bool have_checkpoint_ = false, stopped_ = false;
+};
+
+}  // namespace
+
+RunResult run_training(Trainer& trainer, const RunOptions& options, const RunCallbacks& callbacks,
+                       const std::filesystem::path& checkpoint, bool resume,
+                       const Cancel* cancel) {
+  Run run(trainer, options, callbacks, checkpoint, cancel);
+  if (resume) run.resume();
+  return run.run();
+}
+
+}  // namespace nerf

@@ -1,0 +1,16 @@
+// Which cells of the occupancy grid can hold matter at all, from the cameras and the photos' alpha.
+#pragma once
+
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/parts/occupancy.h"
+
+namespace nerf {
+
+// Switches off the cells that no training camera sees, and with alpha those outside the visual hull:
+// what some photo shows as wholly transparent is empty (the footprint of a cell is taken generously).
+void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
+                                 OccupancyGrid& grid);
+
+}  // namespace nerf

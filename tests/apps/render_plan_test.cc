@@ -1,0 +1,199 @@
+#include "render_plan.h"
+
+#include <gtest/gtest.h>
+
+#include "nerf/base/error.h"
+#include "nerf/math/camera_paths.h"
+#include "run_program.h"
+
+namespace nerf::apps {
+namespace {
+
+namespace fs = std::filesystem;
+using testing_apps::TemporaryFolder;
+using testing_apps::write_text;
+
+constexpr uint64_t kPlenty = uint64_t{1} << 40;
+
+ModelInfo model(const std::vector<std::string>& names) {
+  ModelInfo info;
+  for (size_t i = 0; i < names.size(); ++i) {
+    ModelView view;
+    view.name = names[i];
+    view.camera.model = CameraModel::kSimpleRadial;
+    view.camera.width = 640;
+    view.camera.height = 480;
+    view.camera.params = {500, 320, 240, 0.1};
+    const double a = static_cast<double>(i);
+    const Vec3d position{2 * std::cos(a), 2 * std::sin(a), 0.5};
+    view.pose = {look_rotation(-position, {0, 0, 1}), position};
+    view.held_out = i % 2 == 0;
+    info.views.push_back(view);
+  }
+  return info;
+}
+
+RenderCommand command(const std::string& views) {
+  RenderCommand c;
+  c.run = "run";
+  c.out = "out";
+  c.views = views;
+  return c;
+}
+
+std::string error_of(const RenderCommand& c, const ModelInfo& info, uint64_t memory = kPlenty) {
+  try {
+    make_render_plan(c, info, memory);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(RenderPlan, PicturesAreNamedAfterViews) {
+  EXPECT_EQ(picture_file("a.jpg"), "a.png");
+  EXPECT_EQ(picture_file("left/cam.1/IMG_1.JPG"), "left/cam.1/IMG_1.png");
+  EXPECT_EQ(picture_file("orbit_0000"), "orbit_0000.png");
+  EXPECT_EQ(picture_file("/etc/passwd"), "etc/passwd.png");
+  EXPECT_EQ(picture_file("../../x/./y.png"), "x/y.png");
+  EXPECT_EQ(picture_file(".."), "view.png");
+  EXPECT_EQ(picture_file(""), "view.png");
+}
+
+TEST(RenderPlan, ViewsKeepNamesSizesAndLenses) {
+  const auto plan =
+      make_render_plan(command("test"), model({"s/a.jpg", "b.jpg", "c.jpg"}), kPlenty);
+  ASSERT_EQ(plan.frames.size(), 2u);
+  EXPECT_EQ(plan.frames[0].name, "s/a.jpg");
+  EXPECT_EQ(plan.frames[0].color, "s/a.png");
+  EXPECT_EQ(plan.frames[0].depth, "depth/s/a.png");
+  EXPECT_EQ(plan.frames[1].color, "c.png");
+  EXPECT_EQ(plan.frames[0].camera.width, 640);
+  EXPECT_EQ(plan.frames[0].camera.model, CameraModel::kSimpleRadial);
+  RenderCommand flat = command("train");
+  flat.depth = false;
+  const auto train = make_render_plan(flat, model({"a", "b", "c"}), kPlenty);
+  ASSERT_EQ(train.frames.size(), 1u);
+  EXPECT_TRUE(train.frames[0].depth.empty());
+}
+
+TEST(RenderPlan, NoTwoPicturesShareAFile) {
+  const ModelInfo info = model({"a.jpg", "x", "a.png", "x", "depth/a.tif", "x", "a_2.bmp"});
+  const auto plan = make_render_plan(command("test"), info, kPlenty);
+  std::set<fs::path> files;
+  for (const PlannedFrame& f : plan.frames) {
+    EXPECT_TRUE(files.insert(f.color).second) << f.color;
+    EXPECT_TRUE(files.insert(f.depth).second) << f.depth;
+  }
+  EXPECT_EQ(files.size(), 8u);
+}
+
+TEST(RenderPlan, SizesAreScaled) {
+  RenderCommand c = command("test");
+  c.downscale = 3;
+  const ModelInfo info = model({"a", "b", "c"});
+  auto plan = make_render_plan(c, info, kPlenty);
+  EXPECT_EQ(plan.frames[0].camera.width, 213);
+  EXPECT_EQ(plan.frames[0].camera.height, 160);
+  EXPECT_NEAR(plan.frames[0].camera.fx(), 500 * 213.0 / 640, 1e-9);
+  c.downscale = 1;
+  c.size = ImageSize{320, 240};
+  plan = make_render_plan(c, info, kPlenty);
+  EXPECT_EQ(plan.frames[0].camera.width, 320);
+  EXPECT_NEAR(plan.frames[0].camera.fx(), 250, 1e-9);
+  EXPECT_TRUE(plan.notes.empty());
+  c.size = ImageSize{320, 320};
+  EXPECT_EQ(make_render_plan(c, info, kPlenty).notes.size(), 1u) << "stretched photos are told of";
+  // A generated path keeps square pixels and its height's field of view.
+  c.views = "orbit";
+  c.size = ImageSize{960, 240};
+  c.frames = 7;
+  plan = make_render_plan(c, info, kPlenty);
+  ASSERT_EQ(plan.frames.size(), 7u);
+  EXPECT_EQ(plan.frames[6].color, "orbit_0006.png");
+  EXPECT_NEAR(plan.frames[0].camera.fx(), 250, 1e-9);
+  EXPECT_NEAR(plan.frames[0].camera.fy(), 250, 1e-9);
+  EXPECT_EQ(plan.frames[0].camera.cx(), 480);
+  EXPECT_EQ(plan.frames[0].camera.cy(), 120);
+}
+
+TEST(RenderPlan, PathFilesAndFramesPerSecond) {
+  const TemporaryFolder folder;
+  const fs::path file = folder.path() / "tour.json";
+  write_text(file, R"({"render_width": 64, "render_height": 32, "fps": 12, "camera_path": [
+    {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 50}]})");
+  RenderCommand c = command(file.string());
+  auto plan = make_render_plan(c, {}, kPlenty);
+  ASSERT_EQ(plan.frames.size(), 1u);
+  EXPECT_EQ(plan.frames[0].color, "tour_0000.png");
+  EXPECT_EQ(plan.frames[0].camera.width, 64);
+  EXPECT_EQ(plan.fps, 12);
+  c.fps = 25;
+  EXPECT_EQ(make_render_plan(c, {}, kPlenty).fps, 25);
+  c.frames = 3;
+  EXPECT_NE(error_of(c, {}).find("--frames"), std::string::npos);
+}
+
+TEST(RenderPlan, MistakesAreNamed) {
+  const ModelInfo info = model({"a", "b", "c"});
+  EXPECT_EQ(error_of(command("obrit"), info),
+            "--views: 'obrit' is neither a known kind of views nor a file (did you mean orbit?)");
+  EXPECT_NE(error_of(command("nowhere.json"), info).find("nowhere.json"), std::string::npos);
+  EXPECT_NE(error_of(command("orbit"), {}).find("no cameras"), std::string::npos);
+  RenderCommand c = command("test");
+  c.frames = 3;
+  EXPECT_NE(error_of(c, info).find("--frames"), std::string::npos);
+  c = command("orbit");
+  c.size = ImageSize{16384, 16384};
+  EXPECT_EQ(error_of(c, info, uint64_t{1000000000}),
+            "--size: a picture of 16384x16384 needs 17.2 GB of memory, and 1.0 GB are there (give "
+            "a smaller --size)");
+  c = command("test");
+  c.mp4 = "x.mp4";
+  ModelInfo mixed = info;
+  mixed.views[2].camera.width = 600;
+  EXPECT_NE(error_of(c, mixed).find("different sizes"), std::string::npos);
+  EXPECT_EQ(error_of(c, info), "no error");
+}
+
+TEST(RenderPlan, FindsTheModel) {
+  const TemporaryFolder folder;
+  const auto error = [](const fs::path& run) -> std::string {
+    try {
+      return find_model_file(run).string();
+    } catch (const Error& e) {
+      return e.what();
+    }
+  };
+  EXPECT_NE(error(folder.path() / "none").find("no such file or folder"), std::string::npos);
+  EXPECT_NE(error(folder.path()).find("there is no model.nerf"), std::string::npos);
+  write_text(folder.path() / "model.nerf", "x");
+  EXPECT_EQ(error(folder.path()), folder.path() / "model.nerf");
+  EXPECT_EQ(error(folder.path() / "model.nerf"), folder.path() / "model.nerf");
+}
+
+TEST(RenderOptions, SizesAreParsedStrictly) {
+  const auto good = parse_image_size("800x600");
+  ASSERT_TRUE(good);
+  EXPECT_EQ(good->width, 800);
+  EXPECT_EQ(good->height, 600);
+  for (const char* text : {"", "x", "800", "800x", "x600", "800x600x3", "800X600", "800 x 600",
+                           "0x600", "-8x6", "800x16385", "99999999999x1", "8.5x6"})
+    EXPECT_FALSE(parse_image_size(text)) << text;
+}
+
+TEST(RenderOptions, CombinationsAreChecked) {
+  RenderCommand c = command("test");
+  EXPECT_NO_THROW(c.check_options());
+  c.size = ImageSize{8, 8};
+  c.downscale = 2;
+  EXPECT_THROW(c.check_options(), Error);
+  c.downscale = 1;
+  c.mp4 = "video.avi";
+  EXPECT_THROW(c.check_options(), Error);
+  c.mp4 = "video.mp4";
+  EXPECT_NO_THROW(c.check_options());
+}
+
+}  // namespace
+}  // namespace nerf::apps

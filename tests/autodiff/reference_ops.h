@@ -1,0 +1,120 @@
+// The reference templates as functions of whole values, column by column, for gradient_check.h.
+#pragma once
+
+#include <vector>
+
+#include "autodiff/gradient_check.h"
+#include "nerf/math/reference/activations.h"
+#include "nerf/math/reference/huber.h"
+#include "nerf/math/reference/linear.h"
+#include "nerf/math/reference/spherical_harmonics.h"
+#include "nerf/math/reference/volume_rendering.h"
+
+namespace nerf::on_columns {
+
+// f of every column.
+template <class T, class F>
+Columns<T> each(const Columns<T>& x, const F& f) {
+  Columns<T> y;
+  for (const std::vector<T>& column : x) y.push_back(f(column));
+  return y;
+}
+
+// f of every element.
+template <class T, class F>
+Columns<T> each_element(Columns<T> x, const F& f) {
+  for (std::vector<T>& column : x)
+    for (T& v : column) v = f(v);
+  return x;
+}
+
+template <class T>
+Columns<T> linear(const Columns<T>& x, const std::vector<T>& weights, const LinearWeights& w,
+                  bool relu) {
+  std::vector<T> packed;
+  for (int j = 0; j < w.out; ++j)
+    for (int k = 0; k < w.in; ++k)
+      packed.push_back(weights[gradient_check::Problem::index(w, j, k)]);
+  return each(x, [&](const std::vector<T>& c) {
+    return reference::linear(packed, {}, c, static_cast<size_t>(w.out), relu);
+  });
+}
+
+template <class T>
+Columns<T> mlp(Columns<T> x, const std::vector<T>& weights, const std::vector<LinearWeights>& layers) {
+  for (size_t i = 0; i < layers.size(); ++i)
+    x = linear(x, weights, layers[i], i + 1 < layers.size());
+  return x;
+}
+
+template <class T>
+Columns<T> concat(Columns<T> a, const Columns<T>& b) {
+  for (size_t s = 0; s < a.size(); ++s) a[s].insert(a[s].end(), b[s].begin(), b[s].end());
+  return a;
+}
+
+template <class T>
+Columns<T> slice(const Columns<T>& x, int first, int rows) {
+  return each(x, [&](const std::vector<T>& c) {
+    return std::vector<T>(c.begin() + first, c.begin() + first + rows);
+  });
+}
+
+template <class T>
+Columns<T> truncated_exp(const Columns<T>& x) {
+  return each_element(x, [](T v) { return reference::truncated_exp(v); });
+}
+
+template <class T>
+Columns<T> sigmoid(const Columns<T>& x) {
+  return each_element(x, [](T v) { return reference::sigmoid(v); });
+}
+
+// One code per ray, repeated for its samples.
+template <class T>
+Columns<T> view_code(const Columns<T>& directions, const Rays& rays) {
+  Columns<T> y;
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    const auto& d = directions[r];
+    const auto code = reference::spherical_harmonics(d[0], d[1], d[2]);
+    for (int32_t s = rays[r]; s < rays[r + 1]; ++s) y.emplace_back(code.begin(), code.end());
+  }
+  return y;
+}
+
+// Pixels, and the weights of all samples.
+template <class T>
+std::pair<Columns<T>, Columns<T>> composite(const Columns<T>& density, const Columns<T>& colour,
+                                            const Columns<T>& delta, const Columns<T>& background,
+                                            const Rays& rays) {
+  std::pair<Columns<T>, Columns<T>> out;
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    std::vector<T> sigma, length;
+    std::vector<std::array<T, 3>> c;
+    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
+      sigma.push_back(density[s][0]);
+      length.push_back(delta[s][0]);
+      c.push_back({colour[s][0], colour[s][1], colour[s][2]});
+    }
+    const auto& b = background[r];
+    const auto ray = reference::composite<T>(sigma, c, length, {b[0], b[1], b[2]});
+    out.first.emplace_back(ray.pixel.begin(), ray.pixel.end());
+    for (const T& w : ray.weights) out.second.push_back({w});
+  }
+  return out;
+}
+
+// One term of the loss per ray.
+template <class T>
+Columns<T> huber_loss(const Columns<T>& pixel, const Columns<T>& target, const Columns<T>& scale,
+                      double delta) {
+  Columns<T> out;
+  for (size_t r = 0; r < pixel.size(); ++r) {
+    T sum(0);
+    for (size_t k = 0; k < 3; ++k) sum += reference::huber(pixel[r][k] - target[r][k], delta);
+    out.push_back({sum * scale[r][0]});
+  }
+  return out;
+}
+
+}  // namespace nerf::on_columns

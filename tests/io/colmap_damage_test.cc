@@ -1,0 +1,115 @@
+// Every prefix and every flipped byte of a small capture gives a scene or a clean Error, and never
+// much memory. Under the address sanitizer this also shows that nothing is read out of bounds.
+#include <gtest/gtest.h>
+
+#include <functional>
+
+#include "io/colmap.h"
+#include "nerf/base/file.h"
+#include "nerf/io/scene.h"
+#include "support/temp_folder.h"
+#include "test_scenes.h"
+
+namespace nerf {
+namespace {
+
+using namespace nerf::test;
+
+constexpr uint64_t kMostMemory = uint64_t{1} << 30;
+
+struct Outcome {
+  int results = 0, errors = 0;
+};
+
+// Calls `load` for every damaged version of the file.
+Outcome damage(const std::filesystem::path& file, const std::vector<int>& flips,
+               const std::function<void()>& load) {
+  const auto read = read_file(file);
+  const std::vector<char> good(read.begin(), read.end());
+  Outcome outcome;
+  const auto attempt = [&](const std::vector<char>& bytes, const std::string& what) {
+    write_bytes(file, bytes);
+    try {
+      load();
+      ++outcome.results;
+    } catch (const Error& error) {
+      ++outcome.errors;
+      EXPECT_FALSE(error.where().empty()) << what << ": " << error.what();
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos) << what;
+    } catch (const std::exception& other) {
+      ADD_FAILURE() << what << ": " << other.what();
+    }
+  };
+  for (size_t size = 0; size < good.size(); ++size) {
+    attempt({good.begin(), good.begin() + static_cast<std::ptrdiff_t>(size)},
+            fmt::format("{} cut to {}", file.filename().string(), size));
+  }
+  for (size_t at = 0; at < good.size(); ++at) {
+    for (const int flip : flips) {
+      std::vector<char> bytes = good;
+      bytes[at] = static_cast<char>(bytes[at] ^ flip);
+      attempt(bytes, fmt::format("{} byte {} xor {}", file.filename().string(), at, flip));
+    }
+  }
+  write_bytes(file, good);
+  load();  // the undamaged file still loads
+  EXPECT_LT(peak_memory_bytes(), kMostMemory);
+  return outcome;
+}
+
+const std::vector<int> kEveryBit{1, 2, 4, 8, 16, 32, 64, 128, 255};
+
+TEST(ColmapDamage, BinaryModel) {
+  TempFolder folder;
+  write_binary(ring_model(3, 3), folder.path());
+  for (const char* file : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    const Outcome outcome = damage(folder / file, kEveryBit,
+                                   [&] { internal::read_colmap_model(folder.path()); });
+    // Every prefix is an error, since the counts stand first; many flips change only a number.
+    EXPECT_GE(outcome.errors, static_cast<int>(read_file(folder / file).size())) << file;
+    EXPECT_GT(outcome.results, 0) << file;
+  }
+}
+
+TEST(ColmapDamage, TextModel) {
+  TempFolder folder;
+  write_colmap_text(ring_model(3, 3), folder.path());
+  for (const char* file : {"cameras.txt", "images.txt", "points3D.txt"}) {
+    const Outcome outcome = damage(folder / file, {1, 64, 128, 255},
+                                   [&] { internal::read_colmap_model(folder.path()); });
+    EXPECT_GT(outcome.errors, 0) << file;
+    EXPECT_GT(outcome.results, 0) << file;
+  }
+}
+
+TEST(ColmapDamage, WholeScene) {
+  TempFolder folder;
+  write_capture(ring_model(3, 3), folder.path());
+  for (const char* file : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    const Outcome outcome = damage(folder / "sparse" / "0" / file, {1, 128}, [&] {
+      const Scene scene = load_scene(folder.path());
+      EXPECT_TRUE(std::isfinite(scene.to_engine.scale) && scene.to_engine.scale > 0);
+      EXPECT_TRUE(std::isfinite(scene.near) && std::isfinite(scene.far));
+      EXPECT_GE(scene.near, 0);
+      EXPECT_GT(scene.far, scene.near);
+    });
+    EXPECT_GT(outcome.errors, 0) << file;
+    EXPECT_GT(outcome.results, 0) << file;
+  }
+}
+
+TEST(ColmapDamage, TransformsFile) {
+  TempFolder folder;
+  for (int i = 0; i < 3; ++i) write_picture(folder / fmt::format("{}.png", i));
+  write_text(folder / "transforms.json",
+             transforms_text(3, "", ".png", R"("fl_x":50,"k1":0.01,"w":40,"h":30)"));
+  const Outcome outcome = damage(folder / "transforms.json", {1, 4, 64, 128}, [&] {
+    const Scene scene = load_scene(folder.path());
+    EXPECT_TRUE(std::isfinite(scene.to_engine.scale) && scene.to_engine.scale > 0);
+  });
+  EXPECT_GT(outcome.errors, 0);
+  EXPECT_GT(outcome.results, 0);
+}
+
+}  // namespace
+}  // namespace nerf

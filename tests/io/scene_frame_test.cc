@@ -1,0 +1,324 @@
+#include "io/scene_frame.h"
+
+#include <gtest/gtest.h>
+
+#include "support/temp_folder.h"
+#include "test_scenes.h"
+
+namespace nerf::internal {
+namespace {
+
+using namespace nerf::test;
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kDegree = kPi / 180;
+
+std::vector<View> views_of(const std::vector<Pose>& poses) {
+  std::vector<View> views;
+  for (const Pose& pose : poses) {
+    View view;
+    view.pose = pose;
+    views.push_back(view);
+  }
+  return views;
+}
+
+double angle(const Vec3d& a, const Vec3d& b) { return std::acos(std::min(1.0, dot(a, b))); }
+
+// A rotation without symmetry, so that nothing works by being axis-aligned.
+Mat3d tilted() {
+  return look_at({0, 0, 0}, {0.3, -0.8, 0.5}, normalized(Vec3d{0.2, 0.5, 0.9})).rotation;
+}
+
+std::vector<Pose> rotated(std::vector<Pose> poses, const Mat3d& r) {
+  for (Pose& p : poses) p = {r * p.rotation, r * p.translation};
+  return poses;
+}
+
+// Level cameras at several heights on an arc, all looking at the origin.
+std::vector<Pose> arc(int n, double degrees, double low = 0.3, double high = 2.5) {
+  std::vector<Pose> poses;
+  for (int i = 0; i < n; ++i) {
+    const double a = degrees * kDegree * i / (n - 1);
+    const double z = i % 2 == 0 ? low : high;
+    poses.push_back(look_at({4 * std::cos(a), 4 * std::sin(a), z}, {0, 0, 0}));
+  }
+  return poses;
+}
+
+Pose rolled(const Pose& pose, double radians) {
+  Mat3d roll;
+  roll.m = {{{std::cos(radians), -std::sin(radians), 0}, {std::sin(radians), std::cos(radians), 0},
+             {0, 0, 1}}};
+  return {pose.rotation * roll, pose.translation};
+}
+
+TEST(EstimateUp, LevelCamerasOnAnArcThatLookDown) {
+  std::vector<std::string> warnings;
+  for (double degrees : {90.0, 150.0, 330.0}) {
+    const Vec3d up = estimate_up(views_of(rotated(arc(20, degrees), tilted())), warnings);
+    EXPECT_LT(angle(up, tilted() * Vec3d{0, 0, 1}), 1.5 * kDegree) << degrees;
+    EXPECT_NEAR(length(up), 1, 1e-12);
+  }
+  EXPECT_TRUE(warnings.empty());
+}
+
+TEST(EstimateUp, HandheldRollAveragesOut) {
+  std::vector<Pose> poses = arc(40, 350);
+  for (size_t i = 0; i < poses.size(); ++i) {
+    poses[i] = rolled(poses[i], 6 * kDegree * std::sin(2.7 * static_cast<double>(i)));
+  }
+  std::vector<std::string> warnings;
+  EXPECT_LT(angle(estimate_up(views_of(poses), warnings), {0, 0, 1}), 1.5 * kDegree);
+}
+
+TEST(EstimateUp, ParallelCamerasKeepTheirOwnUp) {
+  std::vector<Pose> poses;
+  for (int i = 0; i < 12; ++i) {
+    Pose p = look_at({0, 0, 0}, {0, 10, 0});
+    p.translation = {0.2 * (i % 4), 0, 0.2 * (i / 4)};
+    poses.push_back(p);
+  }
+  std::vector<std::string> warnings;
+  EXPECT_LT(angle(estimate_up(views_of(rotated(poses, tilted())), warnings),
+                  tilted() * Vec3d{0, 0, 1}),
+            0.1 * kDegree);
+}
+
+TEST(EstimateUp, APlanarRingCorrectsRoll) {
+  // All cameras rolled the same way on a ring look up to a wrong, common direction only by chance:
+  // here the roll grows round the ring, which tilts the horizon estimate.
+  std::vector<Pose> poses;
+  for (int i = 0; i < 30; ++i) {
+    poses.push_back(rolled(ring_pose(i, 30), 8 * kDegree * std::cos(2 * kPi * i / 30)));
+  }
+  std::vector<std::string> warnings;
+  EXPECT_LT(angle(estimate_up(views_of(poses), warnings), {0, 0, 1}), 0.01 * kDegree);
+}
+
+TEST(EstimateUp, PhotosOnTheirSideAreWarnedOf) {
+  std::vector<Pose> poses = arc(24, 345, 0.2, 0.4);
+  for (Pose& p : poses) p = rolled(p, kPi / 2);
+  std::vector<std::string> warnings;
+  const Vec3d up = estimate_up(views_of(poses), warnings);
+  EXPECT_LT(std::min(angle(up, {0, 0, 1}), angle(up, {0, 0, -1})), 2 * kDegree);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_TRUE(contains(warnings[0], "lie on a side"));
+}
+
+TEST(EstimateFocus, AxesThatMeet) {
+  std::vector<Pose> poses = arc(15, 120);
+  for (Pose& p : poses) p.translation = p.translation + Vec3d{5, -7, 2};
+  const auto focus = estimate_focus(views_of(rotated(poses, tilted())));
+  ASSERT_TRUE(focus);
+  EXPECT_LT(length(*focus - tilted() * Vec3d{5, -7, 2}), 1e-6);
+}
+
+TEST(EstimateFocus, AFewStrayCamerasDoNotMoveIt) {
+  std::vector<Pose> poses = arc(30, 300);
+  poses[3] = look_at({4, 0, 1}, {4, 9, 1});
+  poses[17] = look_at({-4, 0, 1}, {-4, 9, 5});
+  const auto focus = estimate_focus(views_of(poses));
+  ASSERT_TRUE(focus);
+  EXPECT_LT(length(*focus), 0.15);
+}
+
+TEST(EstimateFocus, NoneForParallelOrOutwardCameras) {
+  std::vector<Pose> parallel, outward;
+  for (int i = 0; i < 12; ++i) {
+    Pose p = look_at({0, 0, 0}, {0, 10, 0});
+    p.translation = {0.3 * i, 0, 0.1 * (i % 3)};
+    parallel.push_back(p);
+    const double a = kPi / 6 * i;
+    outward.push_back(look_at({0.5 * std::cos(a), 0.5 * std::sin(a), 0},
+                              {5 * std::cos(a), 5 * std::sin(a), 0.3}));
+  }
+  EXPECT_FALSE(estimate_focus(views_of(parallel)));
+  EXPECT_FALSE(estimate_focus(views_of(outward)));
+}
+
+TEST(RotationToZ, TakesUpToZForAnyUp) {
+  for (const Vec3d up : {Vec3d{0, 0, 1}, Vec3d{0, 0, -1}, Vec3d{0, -1, 0}, Vec3d{0.6, 0.64, -0.48}}) {
+    const Mat3d r = rotation_to_z(up);
+    EXPECT_LT(length(r * up - Vec3d{0, 0, 1}), 1e-12);
+    EXPECT_NEAR(dot(cross(r.column(0), r.column(1)), r.column(2)), 1, 1e-12);
+  }
+  EXPECT_EQ(rotation_to_z({0, 0, 1}).m, Mat3d{}.m);
+}
+
+// choose_frame on a capture in memory.
+struct Capture {
+  SceneInput input;
+  Scene scene;
+
+  explicit Capture(const std::vector<Pose>& poses, const std::vector<Vec3d>& points = {}) {
+    scene.cameras.push_back({CameraModel::kPinhole, 400, 300, {500, 500, 200, 150}});
+    scene.views = views_of(poses);
+    for (const Vec3d& p : points) {
+      scene.points.push_back({p, 0.5, 3});
+      for (int32_t v = 0; v < 3; ++v) {
+        input.observations.push_back({v, static_cast<int32_t>(scene.points.size()) - 1});
+      }
+    }
+  }
+  void choose() { choose_frame(input, scene); }
+  double largest_camera_coordinate() const {
+    double largest = 0;
+    for (const View& view : scene.views) {
+      const Vec3d c = scene.to_engine.apply(view.pose.translation);
+      for (int k = 0; k < 3; ++k) largest = std::max(largest, std::abs(c[k]));
+    }
+    return largest;
+  }
+};
+
+std::vector<Vec3d> ball(int n, double radius, const Vec3d& center = {}) {
+  std::vector<Vec3d> points;
+  for (const TestPoint& p : ring_model(1, n).points) points.push_back(center + p.position * radius);
+  return points;
+}
+
+TEST(ChooseFrame, UnboundedRingHoldsAllCamerasRoundTheFocus) {
+  std::vector<Vec3d> points = ball(300, 1, {0, 0, 0});
+  for (const Vec3d& p : ball(300, 30)) points.push_back(p);
+  Capture capture(rotated(arc(30, 350), tilted()), points);
+  for (ScenePoint& p : capture.scene.points) p.position = tilted() * p.position;
+  capture.choose();
+  const Scene& scene = capture.scene;
+  EXPECT_TRUE(scene.unbounded);
+  EXPECT_LT(length(scene.to_engine.center), 0.05);
+  EXPECT_LE(capture.largest_camera_coordinate(), 1);
+  EXPECT_GT(capture.largest_camera_coordinate(), 0.9);
+  // The subject's ball of radius 1, seen from 4 away, keeps its share of the box.
+  EXPECT_GT(scene.to_engine.scale, 0.2);
+  EXPECT_LT(angle(scene.report.up, tilted() * Vec3d{0, 0, 1}), 1.5 * kDegree);
+  EXPECT_LT(length(scene.to_engine.rotation * scene.report.up - Vec3d{0, 0, 1}), 1e-9);
+  EXPECT_GT(scene.far, 30 * scene.to_engine.scale);
+  EXPECT_GT(scene.near, 0);
+  EXPECT_NEAR(scene.report.far, scene.far / scene.to_engine.scale, 1e-9);
+}
+
+TEST(ChooseFrame, NearIsHalfOfTheClosestSupportedPoint) {
+  Capture capture(arc(30, 350), ball(400, 1));
+  // A cluster of noise right before a camera, seen by too few images to count.
+  for (int i = 0; i < 20; ++i) {
+    const Vec3d eye = capture.scene.views[0].pose.translation;
+    capture.scene.points.push_back({eye * 0.99, 0.5, 2});
+    capture.input.observations.push_back({0, static_cast<int32_t>(capture.scene.points.size()) - 1});
+  }
+  capture.choose();
+  double closest = 1e9;
+  for (const Observation& o : capture.input.observations) {
+    const ScenePoint& p = capture.scene.points[static_cast<size_t>(o.point)];
+    if (p.views >= 3) {
+      closest = std::min(closest, length(p.position - capture.scene.views[static_cast<size_t>(o.image)]
+                                                          .pose.translation));
+    }
+  }
+  EXPECT_GE(capture.scene.report.near, 0.5 * closest - 1e-9);
+  EXPECT_LT(capture.scene.report.near, 0.6 * closest);
+}
+
+TEST(ChooseFrame, ForwardFacingHoldsCamerasAndPoints) {
+  std::vector<Pose> poses;
+  for (int i = 0; i < 12; ++i) {
+    Pose p = look_at({0, 0, 0}, {0, 10, 0});
+    p.translation = {0.3 * (i % 4), 0, 0.3 * (i / 4)};
+    poses.push_back(p);
+  }
+  const std::vector<Vec3d> points = ball(500, 2, {0, 6, 0});
+  Capture capture(poses, points);
+  capture.choose();
+  EXPECT_TRUE(capture.scene.unbounded);
+  EXPECT_LE(capture.largest_camera_coordinate(), 1);
+  size_t inside = 0;
+  for (const Vec3d& p : points) {
+    const Vec3d e = capture.scene.to_engine.apply(p);
+    inside += std::max({std::abs(e.x), std::abs(e.y), std::abs(e.z)}) <= 1;
+  }
+  EXPECT_GT(inside, points.size() * 8 / 10);
+  EXPECT_GT(capture.scene.to_engine.scale, 0.2);
+}
+
+TEST(ChooseFrame, AlphaGivesTheBoxThatAllViewsSee) {
+  Capture capture(arc(30, 350));
+  capture.scene.alpha = true;
+  capture.choose();
+  const Scene& scene = capture.scene;
+  EXPECT_FALSE(scene.unbounded);
+  EXPECT_LT(length(scene.to_engine.center), 1e-6);
+  // The farthest cameras are sqrt(16 + 2.5^2) away; half the picture's height is 150/500 of that.
+  EXPECT_NEAR(1 / scene.to_engine.scale, std::sqrt(16 + 6.25) * 0.3, 1e-6);
+  // The box's nearest and farthest place from a camera, in input units.
+  EXPECT_GT(scene.report.near, 1);
+  EXPECT_LT(scene.report.near, 4 - 1.4);
+  EXPECT_GT(scene.report.far, 4 + 1.4);
+  EXPECT_LT(scene.report.far, 8);
+}
+
+TEST(ChooseFrame, BlenderSnapsToItsOwnUp) {
+  std::vector<Pose> poses = arc(30, 350);
+  for (size_t i = 0; i < poses.size(); ++i) poses[i] = rolled(poses[i], i % 3 == 0 ? 0.05 : 0.0);
+  Capture capture(poses);
+  capture.input.blender = true;
+  capture.choose();
+  EXPECT_EQ(capture.scene.report.up, (Vec3d{0, 0, 1}));
+  EXPECT_EQ(capture.scene.to_engine.rotation.m, Mat3d{}.m);
+}
+
+TEST(ChooseFrame, BoundingBoxAndUpOptionsOverride) {
+  Capture capture(arc(30, 350), ball(300, 20));
+  capture.scene.options.bbox = Box3{{-1, -2, 0}, {3, 2, 1}};
+  capture.scene.options.up = Vec3d{0, 0, 2};
+  capture.choose();
+  EXPECT_FALSE(capture.scene.unbounded);
+  EXPECT_EQ(capture.scene.to_engine.center, (Vec3d{1, 0, 0.5}));
+  EXPECT_NEAR(capture.scene.to_engine.scale, 0.5, 1e-12);
+
+  capture.scene.options.bbox.reset();
+  capture.scene.options.up = Vec3d{1, 0, 0};
+  capture.choose();
+  EXPECT_LT(length(capture.scene.to_engine.rotation * Vec3d{1, 0, 0} - Vec3d{0, 0, 1}), 1e-9);
+
+  capture.scene.options.up = Vec3d{0, 0, 0};
+  EXPECT_TRUE(contains(error_of([&] { capture.choose(); }), "--up"));
+  capture.scene.options.up.reset();
+  capture.scene.options.bbox = Box3{{1, 0, 0}, {1, 2, 2}};
+  EXPECT_TRUE(contains(error_of([&] { capture.choose(); }), "--bbox"));
+}
+
+TEST(ChooseFrame, BoundedOnlyWhereEverythingLiesBetweenTheCameras) {
+  Capture turntable(arc(30, 350), ball(1000, 1.2));
+  turntable.choose();
+  EXPECT_FALSE(turntable.scene.unbounded);
+  EXPECT_EQ(turntable.scene.report.warnings.size(), 1u);
+
+  std::vector<Vec3d> one_outside = ball(1000, 1.2);
+  one_outside.push_back({9, 0, 0});
+  Capture room(arc(30, 350), one_outside);
+  room.choose();
+  EXPECT_TRUE(room.scene.unbounded);
+
+  Capture one_side(arc(30, 120), ball(1000, 1.2));
+  one_side.choose();
+  EXPECT_TRUE(one_side.scene.unbounded);
+}
+
+TEST(ChooseFrame, CamerasAtOnePointAreAnError) {
+  std::vector<Pose> poses = arc(10, 300);
+  for (Pose& p : poses) p.translation = {1, 2, 3};
+  Capture capture(poses);
+  EXPECT_TRUE(contains(error_of([&] { capture.choose(); }), "all cameras stand at one point"));
+}
+
+TEST(ChooseFrame, WithoutPointsNearAndFarAreStillSane) {
+  Capture capture(arc(30, 350));
+  capture.choose();
+  EXPECT_TRUE(capture.scene.unbounded);
+  EXPECT_GT(capture.scene.near, 0.01);
+  EXPECT_LT(capture.scene.near, 0.2);
+  EXPECT_GT(capture.scene.far, 10);
+}
+
+}  // namespace
+}  // namespace nerf::internal

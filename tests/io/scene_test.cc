@@ -1,0 +1,349 @@
+#include "nerf/io/scene.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "nerf/base/file.h"
+#include "support/temp_folder.h"
+#include "test_scenes.h"
+
+namespace nerf {
+namespace {
+
+using namespace nerf::test;
+namespace fs = std::filesystem;
+
+const char* const kFieldOfView = R"("camera_angle_x":0.69)";
+
+bool any_contains(const std::vector<std::string>& lines, const std::string& part) {
+  return std::any_of(lines.begin(), lines.end(),
+                     [&](const std::string& line) { return line.find(part) != line.npos; });
+}
+
+std::string load_error(const fs::path& path, const SceneOptions& options = {}) {
+  return error_of([&] { load_scene(path, options); });
+}
+
+void write_blender(const fs::path& root, int train, int test, bool transparent = true) {
+  const auto part = [&](const std::string& name, int count) {
+    write_text(root / fmt::format("transforms_{}.json", name),
+               transforms_text(count, fmt::format("./{}/r_", name), "", kFieldOfView));
+    for (int i = 0; i < count; ++i) {
+      write_picture(root / name / fmt::format("r_{}.png", i), 32, 32, 4, transparent);
+    }
+  };
+  part("train", train);
+  part("test", test);
+}
+
+TEST(LoadScene, ColmapCapture) {
+  TempFolder folder;
+  TestModel model = ring_model(17, 60);
+  std::reverse(model.images.begin(), model.images.end());  // the model's order is not the names'
+  write_capture(model, folder.path());
+  write_picture(folder / "images" / "sub" / "unregistered.png");
+  const Scene scene = load_scene(folder.path());
+  ASSERT_EQ(scene.views.size(), 17u);
+  for (int i = 0; i < 17; ++i) {
+    const View& view = scene.views[static_cast<size_t>(i)];
+    EXPECT_EQ(view.name, fmt::format("{:02}.png", i));
+    EXPECT_TRUE(fs::is_regular_file(view.image_path));
+    EXPECT_LT(length(view.pose.translation - ring_pose(i, 17).translation), 1e-9);
+  }
+  EXPECT_EQ(scene.test, (std::vector<int>{0, 8, 16}));
+  EXPECT_EQ(scene.train.size(), 14u);
+  EXPECT_EQ(scene.cameras.size(), 1u);
+  EXPECT_TRUE(scene.unbounded);
+  EXPECT_FALSE(scene.alpha);
+  const SceneReport& report = scene.report;
+  EXPECT_EQ(report.format, "COLMAP binary, sparse/0");
+  EXPECT_EQ(report.images_total, 18);
+  EXPECT_EQ(report.images_registered, 17);
+  EXPECT_EQ(report.images_missing, 0);
+  EXPECT_EQ(report.points, 60);
+  EXPECT_NEAR(report.mean_reprojection_error, 0.5, 1e-12);
+  EXPECT_EQ(report.camera_models, std::vector<std::string>{"PINHOLE 40x30"});
+  EXPECT_GT(report.up.z, 0.999);
+  EXPECT_GE(report.memory_estimate_bytes, 17u * 40 * 30 * 3);
+  EXPECT_GT(report.memory_limit_bytes, 0u);
+  EXPECT_TRUE(report.warnings.empty());
+}
+
+TEST(LoadScene, Splits) {
+  TempFolder folder;
+  write_capture(ring_model(20, 5), folder.path());
+  SceneOptions options;
+  options.split = Split::kNone;
+  Scene scene = load_scene(folder.path(), options);
+  EXPECT_EQ(scene.train.size(), 20u);
+  EXPECT_TRUE(scene.test.empty());
+
+  const Similarity frame = scene.to_engine;
+  options.split = Split::kDev;
+  scene = load_scene(folder.path(), options);
+  // Views 0, 8 and 16 are gone; of the 17 left, 0, 8 and 16 are 01, 10 and 19.
+  ASSERT_EQ(scene.views.size(), 17u);
+  EXPECT_EQ(scene.test, (std::vector<int>{0, 8, 16}));
+  EXPECT_EQ(scene.views[0].name, "01.png");
+  EXPECT_EQ(scene.views[8].name, "10.png");
+  EXPECT_EQ(scene.views[16].name, "19.png");
+  EXPECT_EQ(scene.train.size(), 14u);
+  EXPECT_EQ(scene.to_engine.scale, frame.scale);
+}
+
+TEST(LoadScene, BlenderTripleComesFirst) {
+  TempFolder folder;
+  write_blender(folder.path(), 10, 3);
+  write_text(folder / "transforms_val.json", "{}");
+  write_text(folder / "transforms.json", "{}");
+  write_binary(ring_model(), folder / "sparse" / "0");
+  SceneOptions options;
+  const Scene scene = load_scene(folder.path(), options);
+  EXPECT_EQ(scene.report.format, "Blender transforms");
+  EXPECT_TRUE(scene.alpha);
+  EXPECT_FALSE(scene.unbounded);
+  EXPECT_EQ(scene.train.size(), 10u);
+  EXPECT_EQ(scene.test.size(), 3u);
+  EXPECT_EQ(scene.views[static_cast<size_t>(scene.test[0])].name, "test/r_0.png");
+  EXPECT_TRUE(any_contains(scene.report.ignored, "transforms_val.json"));
+  EXPECT_TRUE(any_contains(scene.report.ignored, "transforms.json"));
+  EXPECT_TRUE(any_contains(scene.report.ignored, "COLMAP"));
+  EXPECT_EQ(scene.report.up, (Vec3d{0, 0, 1}));
+
+  options.split = Split::kNone;
+  EXPECT_EQ(load_scene(folder.path(), options).train.size(), 13u);
+  options.split = Split::kDev;
+  const Scene dev = load_scene(folder.path(), options);
+  EXPECT_EQ(dev.views.size(), 10u);
+  EXPECT_EQ(dev.test.size(), 2u);
+  EXPECT_FALSE(any_contains({dev.views[0].name}, "test/"));
+}
+
+TEST(LoadScene, OpaqueAlphaIsNoAlpha) {
+  TempFolder folder;
+  write_blender(folder.path(), 6, 2, false);
+  EXPECT_FALSE(load_scene(folder.path()).alpha);
+}
+
+TEST(LoadScene, ColmapBeforeTransformsAndFormatOverrides) {
+  TempFolder folder;
+  write_capture(ring_model(6), folder.path());
+  for (int i = 0; i < 6; ++i) write_picture(folder / "images" / fmt::format("{}.png", i));
+  write_text(folder / "transforms.json", transforms_text(6, "images/", ".png", kFieldOfView));
+  const Scene colmap = load_scene(folder.path());
+  EXPECT_EQ(colmap.report.format, "COLMAP binary, sparse/0");
+  EXPECT_EQ(colmap.report.ignored, std::vector<std::string>{"transforms.json"});
+
+  SceneOptions options;
+  options.format = SceneFormat::kTransforms;
+  const Scene transforms = load_scene(folder.path(), options);
+  EXPECT_EQ(transforms.report.format, "transforms.json");
+  EXPECT_EQ(transforms.views[0].name, "images/0.png");
+  EXPECT_EQ(load_scene(folder / "transforms.json").report.format, "transforms.json");
+
+  options.format = SceneFormat::kBlender;
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "there is no transforms_train.json"));
+}
+
+TEST(LoadScene, WhatIsNoSceneIsAnError) {
+  TempFolder folder;
+  EXPECT_TRUE(contains(load_error(folder / "nowhere"), "there is no such file or folder"));
+  EXPECT_TRUE(contains(load_error(folder.path()), "the folder is empty"));
+  write_text(folder / "notes.txt", "hello");
+  EXPECT_TRUE(contains(load_error(folder.path()), "there is no scene in this folder"));
+  EXPECT_TRUE(contains(load_error(folder / "notes.txt"), "neither a transforms .json nor a video"));
+  SceneOptions options;
+  options.format = SceneFormat::kColmap;
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "there is no a COLMAP model"));
+  options.format = SceneFormat::kAuto;
+  options.downscale = 0;
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "--downscale 0"));
+}
+
+TEST(LoadScene, PhotosNeedAKnownCameraModelAndAFolderToWorkIn) {
+  TempFolder folder;
+  for (int i = 0; i < 3; ++i) write_picture(folder / fmt::format("{}.png", i));
+  EXPECT_TRUE(contains(load_error(folder.path()), "folder to work in"));
+  SceneOptions options;
+  options.camera_model = "OPENCVV";
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "did you mean OPENCV"));
+  options.camera_model = "OPENCV";
+  write_picture(folder / "masks" / "0.png");
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "masks/"));
+}
+
+TEST(LoadScene, TheLargestOfSeveralModels) {
+  TempFolder folder;
+  write_capture(ring_model(9, 5), folder.path());
+  fs::rename(folder / "sparse" / "0", folder / "sparse" / "10");
+  write_binary(ring_model(3, 2), folder / "sparse" / "0");
+  write_colmap_text(ring_model(4, 2), folder / "sparse" / "2");
+  const Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.views.size(), 9u);
+  EXPECT_EQ(scene.report.format, "COLMAP binary, sparse/10");
+  EXPECT_TRUE(any_contains(scene.report.ignored, "sparse/0 (3 images; sparse/10 is the largest"));
+  EXPECT_TRUE(any_contains(scene.report.ignored, "sparse/2 (4 images"));
+}
+
+TEST(LoadScene, WhereModelsAndImagesMayBe) {
+  const TestModel model = ring_model(5);
+  for (const char* place : {"sparse/0", "sparse", "colmap/sparse/0", "sparse/3", "."}) {
+    for (const char* images : {"images", "images_2", "images_8"}) {
+      TempFolder folder;
+      write_binary(model, folder / place);
+      for (const TestImage& image : model.images) write_picture(folder / images / image.name);
+      EXPECT_EQ(load_scene(folder.path()).views.size(), 5u) << place << " " << images;
+    }
+  }
+  // Both: the full-size ones, and the report says so.
+  TempFolder folder;
+  write_capture(model, folder.path());
+  fs::copy(folder / "images", folder / "images_4");
+  const Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.views[0].image_path, folder / "images" / "00.png");
+  EXPECT_TRUE(any_contains(scene.report.ignored, "images_4/"));
+}
+
+TEST(LoadScene, NamesWithSubfoldersAndSeveralCameras) {
+  TestModel model = ring_model(6);
+  model.cameras.push_back({2, 2, 80, 60, {90, 40, 30, 0.01}});
+  for (size_t i = 0; i < 6; ++i) {
+    model.images[i].name = (i % 2 ? "right/" : "left/") + model.images[i].name;
+    model.images[i].camera = i % 2 ? 2 : 1;
+  }
+  TempFolder folder;
+  write_binary(model, folder / "sparse");
+  for (size_t i = 0; i < 6; ++i) {
+    write_picture(folder / "images" / model.images[i].name, i % 2 ? 80 : 40, i % 2 ? 60 : 30);
+  }
+  const Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.views[0].name, "left/00.png");
+  EXPECT_EQ(scene.views[3].name, "right/01.png");
+  EXPECT_EQ(scene.cameras[static_cast<size_t>(scene.views[3].camera)].model,
+            CameraModel::kSimpleRadial);
+  EXPECT_EQ(scene.report.camera_models,
+            (std::vector<std::string>{"PINHOLE 40x30 (3 images)", "SIMPLE_RADIAL 80x60 (3 images)"}));
+}
+
+TEST(LoadScene, ResizedImagesScaleTheirCamera) {
+  TestModel model = ring_model(4);
+  model.cameras[0] = {1, 2, 81, 60, {90, 40, 30, 0.01}};
+  TempFolder folder;
+  write_binary(model, folder / "sparse" / "0");
+  for (size_t i = 0; i < 4; ++i) {
+    // Two at full size, two at half size with a rounded side: ratios differ a little.
+    write_picture(folder / "images" / model.images[i].name, i < 2 ? 81 : 40, i < 2 ? 60 : 30);
+  }
+  const Scene scene = load_scene(folder.path());
+  ASSERT_EQ(scene.cameras.size(), 2u);
+  const Camera& half = scene.cameras[static_cast<size_t>(scene.views[3].camera)];
+  EXPECT_EQ(half.model, CameraModel::kOpenCV);
+  EXPECT_DOUBLE_EQ(half.fx(), 90.0 * 40 / 81);
+  EXPECT_DOUBLE_EQ(half.fy(), 45);
+  EXPECT_EQ(scene.cameras[static_cast<size_t>(scene.views[0].camera)].model,
+            CameraModel::kSimpleRadial);
+}
+
+TEST(LoadScene, ImagesOfAnotherShapeAreErrors) {
+  TempFolder folder;
+  write_capture(ring_model(4), folder.path());
+  write_picture(folder / "images" / "02.png", 30, 40);
+  std::string error = load_error(folder.path());
+  EXPECT_TRUE(contains(error, "02.png"));
+  EXPECT_TRUE(contains(error, "turned by 90 degrees"));
+  EXPECT_TRUE(contains(error, "EXIF"));
+  write_picture(folder / "images" / "02.png", 40, 22);
+  EXPECT_TRUE(contains(load_error(folder.path()), "cropped"));
+  write_text(folder / "images" / "02.png", "no picture");
+  EXPECT_TRUE(contains(load_error(folder.path()), "02.png"));
+}
+
+TEST(LoadScene, MissingImages) {
+  TempFolder folder;
+  write_capture(ring_model(10, 5), folder.path());
+  for (const char* name : {"01.png", "03.png", "05.png"}) fs::remove(folder / "images" / name);
+  const Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.views.size(), 7u);
+  EXPECT_EQ(scene.report.images_registered, 10);
+  EXPECT_EQ(scene.report.images_missing, 3);
+  EXPECT_EQ(scene.report.missing_names, (std::vector<std::string>{"01.png", "03.png", "05.png"}));
+  EXPECT_TRUE(any_contains(scene.report.warnings, "3 of 10 registered images are missing: 01.png"));
+  // Indices of the split count the images that exist.
+  EXPECT_EQ(scene.test, std::vector<int>{0});
+
+  for (const char* name : {"07.png", "08.png"}) fs::remove(folder / "images" / name);
+  EXPECT_EQ(load_scene(folder.path()).views.size(), 5u);  // exactly half
+  fs::remove(folder / "images" / "09.png");
+  EXPECT_TRUE(contains(load_error(folder.path()), "6 of 10 registered images are missing"));
+  fs::remove_all(folder / "images");
+  EXPECT_TRUE(contains(load_error(folder.path()), "none of the model's 10 images was found"));
+}
+
+TEST(LoadScene, TooFewImages) {
+  TempFolder folder;
+  write_capture(ring_model(1, 0), folder / "one");
+  EXPECT_TRUE(contains(load_error(folder / "one"), "only one registered image"));
+  write_capture(ring_model(0, 0), folder / "none");
+  EXPECT_TRUE(contains(load_error(folder / "none"), "no registered image"));
+}
+
+TEST(LoadScene, MasksByAllTheirNames) {
+  TempFolder folder;
+  write_capture(ring_model(5), folder.path());
+  write_picture(folder / "masks" / "00.png");
+  write_picture(folder / "masks" / "01.png.png");
+  const Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.report.masks, 2);
+  EXPECT_EQ(scene.views[0].mask_path, folder / "masks" / "00.png");
+  EXPECT_EQ(scene.views[1].mask_path, folder / "masks" / "01.png.png");
+  EXPECT_TRUE(scene.views[2].mask_path.empty());
+  EXPECT_TRUE(any_contains(scene.report.warnings, "3 of 5 images have no mask"));
+  EXPECT_TRUE(contains(scene.report.mask_convention, "128"));
+
+  TestModel model = ring_model(4);
+  for (TestImage& image : model.images) image.name.replace(2, 4, ".jpg");
+  TempFolder jpegs;
+  write_capture(model, jpegs.path());
+  for (int i = 0; i < 4; ++i) write_picture(jpegs / "masks" / fmt::format("0{}.png", i));
+  EXPECT_EQ(load_scene(jpegs.path()).report.masks, 4);
+  EXPECT_TRUE(load_scene(jpegs.path()).report.warnings.empty());
+
+  TempFolder strangers;
+  write_capture(model, strangers.path());
+  write_picture(strangers / "masks" / "other.png");
+  EXPECT_TRUE(any_contains(load_scene(strangers.path()).report.warnings, "none named after an image"));
+}
+
+TEST(LoadScene, DownscaleMustLeaveSomething) {
+  TempFolder folder;
+  write_capture(ring_model(4), folder.path());
+  SceneOptions options;
+  options.downscale = 2;
+  const Scene scene = load_scene(folder.path(), options);
+  EXPECT_EQ(scene.cameras[0].width, 40);  // cameras are those of the full-size photos
+  EXPECT_EQ(scene.options.downscale, 2);
+  options.downscale = 31;
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "--downscale 31 leaves nothing"));
+}
+
+TEST(FormatReport, SaysWhatAPersonWantsToKnow) {
+  TempFolder folder;
+  write_capture(ring_model(9, 60), folder.path());
+  write_picture(folder / "masks" / "00.png");
+  fs::remove(folder / "images" / "03.png");
+  Scene scene = load_scene(folder.path());
+  scene.report.fraction_masked = 0.125;
+  scene.report.ignored.push_back("something");
+  const std::string text = format_report(scene.report);
+  for (const char* part :
+       {"scene         COLMAP binary, sparse/0\n", "9 registered of 9, 1 missing\n", "PINHOLE 40x30\n",
+        "60, mean reprojection error 0.50 px\n", "extent        (", "near, far     ",
+        "up            (", "12.5 % of all pixels masked out", "values of 128 and more keep",
+        "memory        about ", "ignored       something\n", "warning       1 of 9 registered"}) {
+    EXPECT_TRUE(contains(text, part));
+  }
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,199 @@
+#include "nerf/kernels/adam.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "math/worst_error.h"
+#include "nerf/math/reference/adam.h"
+
+namespace nerf {
+namespace {
+
+reference::AdamOptions exact_options(const AdamStep& o) {
+  return {o.rate, o.beta1, o.beta2, o.epsilon, o.l2};
+}
+
+struct State {
+  State(size_t n, Random& random) : gradient(n), m(n), v(n), w(n) {
+    for (size_t i = 0; i < n; ++i) {
+      gradient[i] = uniform(random, -1, 1) * std::pow(10.0f, uniform(random, -6, 1));
+      m[i] = uniform(random, -1, 1) * 0.1f;
+      v[i] = uniform(random, 1e-3, 1) * 0.1f;
+      w[i] = uniform(random, -1, 1);
+    }
+  }
+  AlignedArray<float> gradient, m, v, w;
+};
+
+// One step in double from the same state, and bounds on what rounding may do to each result: each
+// line below is the rounded operations of one line of the algorithm, first order in the roundoff.
+struct ExactStep {
+  ExactStep(const AdamStep& options, int64_t step, double g, double m0, double v0, double w0) {
+    const reference::AdamOptions o = exact_options(options);
+    m = m0, v = v0, w = w0;
+    reference::adam(o, step, g, m, v, w);
+    const double total = g + o.l2 * w0, t = static_cast<double>(step);
+    const double total_error = kRoundoff * std::fabs(total);
+    m_error = (1 - o.beta1) * total_error + kRoundoff * (std::fabs(o.beta1 * m0) + std::fabs(m));
+    v_error = (1 - o.beta2) * std::fabs(total) * (2 * total_error + kRoundoff * std::fabs(total)) +
+              kRoundoff * (o.beta2 * v0 + v);
+    const double c1 = o.rate / (1 - std::pow(o.beta1, t));
+    const double root = std::sqrt(v / (1 - std::pow(o.beta2, t))) + o.epsilon;
+    const double move = std::fabs(c1 * m / root);
+    // Rounding of c1 (twice where it is a product), c2, the root, the sum and the quotient.
+    w_error = c1 / root * m_error + move * (v > 0 ? v_error / (2 * v) : 0) + 6 * kRoundoff * move +
+              kRoundoff * (std::fabs(w) + move);
+  }
+  double m, v, w, m_error, v_error, w_error;
+};
+
+TEST(Adam, DenseStep) {
+  WorstError worst("dense");
+  for_each_target([&](const std::string&) {
+    Random random(41, 0, 0);
+    for (const AdamStep& options :
+         {AdamStep{}, AdamStep{.rate = 0.3f, .beta1 = 0.8f, .beta2 = 0.999f, .epsilon = 1e-3f, .l2 = 0.01f}})
+      for (int64_t step : {1, 2, 17, 1000, 1000000})
+        for (int64_t n : {0, 16, 32, 240}) {
+          // 16 more that must not change.
+          State s(static_cast<size_t>(n) + 16, random);
+          const State before = s;
+          adam_dense(options, step, n, s.gradient.data(), s.m.data(), s.v.data(), s.w.data());
+          for (size_t i = 0; i < s.w.size(); ++i) {
+            ASSERT_EQ(s.gradient[i], before.gradient[i]);
+            if (static_cast<int64_t>(i) >= n) {
+              ASSERT_EQ(s.w[i], before.w[i]) << "beyond n";
+              ASSERT_EQ(s.m[i], before.m[i]) << "beyond n";
+              ASSERT_EQ(s.v[i], before.v[i]) << "beyond n";
+              continue;
+            }
+            const ExactStep want(options, step, before.gradient[i], before.m[i], before.v[i],
+                                 before.w[i]);
+            worst.compare(s.m[i], want.m, want.m_error, "m, step", step, "element", i);
+            worst.compare(s.v[i], want.v, want.v_error, "v, step", step, "element", i);
+            worst.compare(s.w[i], want.w, want.w_error, "weight, step", step, "element", i);
+          }
+        }
+  });
+  worst.report();
+}
+
+// Weights without any gradient stay where they are: no 0 / 0.
+TEST(Adam, ZeroGradientFromTheStartMovesNothing) {
+  for_each_target([&](const std::string&) {
+    AlignedArray<float> g(16), m(16), v(16), w(16);
+    for (float& x : w) x = 0.75f;
+    adam_dense(AdamStep{}, 1, 16, g.data(), m.data(), v.data(), w.data());
+    for (float x : w) EXPECT_EQ(x, 0.75f);
+  });
+}
+
+TEST(Adam, BiasCorrections) {
+  const AdamStep o{.rate = 1, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 0, .l2 = 0};
+  std::vector<float> c(2 * kBiasCorrections);
+  bias_corrections(o, c.data());
+  for (int t = 1; t < kBiasCorrections; ++t) {
+    const size_t at = static_cast<size_t>(2 * t);
+    const double b1 = o.beta1, b2 = o.beta2;
+    EXPECT_FLOAT_EQ(c[at], static_cast<float>(1 / (1 - std::pow(b1, t)))) << t;
+    EXPECT_FLOAT_EQ(c[at + 1], static_cast<float>(1 / std::sqrt(1 - std::pow(b2, t)))) << t;
+  }
+  EXPECT_EQ(c[2 * kBiasCorrections - 2], 1.0f);
+  EXPECT_EQ(c[2 * kBiasCorrections - 1], 1.0f);
+  EXPECT_TRUE(std::isfinite(c[0]) && std::isfinite(c[1]));
+}
+
+// Rows touched at random, each with its own counter: touched ones step, the others keep every bit.
+TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
+  WorstError worst("rows");
+  for_each_target([&](const std::string&) {
+    Random random(42, 0, 0);
+    const AdamStep options{.rate = 0.02f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
+    std::vector<float> correction(2 * kBiasCorrections);
+    bias_corrections(options, correction.data());
+    for (int64_t rows : {0, 8, 16, 240}) {
+      State s(static_cast<size_t>(rows + 8) * 4, random);
+      AlignedArray<uint8_t> touched(static_cast<size_t>(rows + 8));
+      AlignedArray<uint16_t> steps(touched.size());
+      const uint16_t counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
+      for (size_t r = 0; r < touched.size(); ++r) {
+        touched[r] = random.uniform() < 0.3f || static_cast<int64_t>(r) >= rows;
+        steps[r] = counters[random.below(std::size(counters))];
+      }
+      // A block of eight without any.
+      for (size_t r = 8; r < 16 && rows > 8; ++r) touched[r] = 0;
+      const State before = s;
+      const AlignedArray<uint8_t> were_touched = touched;
+      const AlignedArray<uint16_t> steps_before = steps;
+      adam_rows(options, rows, touched.data(), s.gradient.data(), s.m.data(), s.v.data(),
+                steps.data(), s.w.data(), correction.data());
+      for (size_t r = 0; r < touched.size(); ++r) {
+        const bool active = were_touched[r] && static_cast<int64_t>(r) < rows;
+        if (!active) {
+          ASSERT_EQ(steps[r], steps_before[r]) << r;
+          ASSERT_EQ(touched[r], were_touched[r]) << r;
+          for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
+            ASSERT_EQ(std::memcmp((s.*member).data() + 4 * r, (before.*member).data() + 4 * r, 16), 0)
+                << "row " << r;
+          continue;
+        }
+        const int64_t step = std::min(65535, steps_before[r] + 1);
+        ASSERT_EQ(steps[r], step);
+        ASSERT_EQ(touched[r], 0);
+        for (size_t i = 4 * r; i < 4 * r + 4; ++i) {
+          ASSERT_EQ(s.gradient[i], 0);
+          const ExactStep want(options, step, before.gradient[i], before.m[i], before.v[i],
+                               before.w[i]);
+          worst.compare(s.m[i], want.m, want.m_error, "m, step", step, "row", r);
+          worst.compare(s.v[i], want.v, want.v_error, "v, step", step, "row", r);
+          worst.compare(s.w[i], want.w, want.w_error, "weight, step", step, "row", r);
+        }
+      }
+    }
+  });
+  worst.report();
+}
+
+// Rows that are touched in every step go where dense parameters go: the moments bit for bit, the
+// weights up to the one rounding by which the two corrections differ.
+TEST(Adam, RowsTouchedEveryStepEqualDense) {
+  WorstError worst("rows_against_dense");
+  for_each_target([&](const std::string&) {
+    Random random(43, 0, 0);
+    constexpr size_t kRows = 24, kSize = 4 * kRows;
+    constexpr int kSteps = 50;
+    const AdamStep options{};
+    std::vector<float> correction(2 * kBiasCorrections);
+    bias_corrections(options, correction.data());
+    State rows(kSize, random);
+    std::fill(rows.m.begin(), rows.m.end(), 0.0f);
+    std::fill(rows.v.begin(), rows.v.end(), 0.0f);
+    State dense = rows;
+    AlignedArray<uint8_t> touched(kRows);
+    AlignedArray<uint16_t> steps(kRows);
+    for (int step = 1; step <= kSteps; ++step) {
+      for (size_t i = 0; i < kSize; ++i)
+        rows.gradient[i] = dense.gradient[i] = uniform(random, -1, 1);
+      std::fill(touched.begin(), touched.end(), uint8_t{1});
+      adam_rows(options, kRows, touched.data(), rows.gradient.data(), rows.m.data(), rows.v.data(),
+                steps.data(), rows.w.data(), correction.data());
+      adam_dense(options, step, kSize, dense.gradient.data(), dense.m.data(), dense.v.data(),
+                 dense.w.data());
+      ASSERT_EQ(std::memcmp(rows.m.data(), dense.m.data(), kSize * sizeof(float)), 0) << step;
+      ASSERT_EQ(std::memcmp(rows.v.data(), dense.v.data(), kSize * sizeof(float)), 0) << step;
+    }
+    // Each step moves a weight by at most rate (1 - beta1) / sqrt(1 - beta2) = rate (Kingma and Ba,
+    // section 2.1), of which two roundings may differ, and each result is rounded once in either.
+    const double tolerance = kSteps * kRoundoff * (3 * options.rate + 2 * 1.5);
+    for (size_t i = 0; i < kSize; ++i)
+      worst.compare(rows.w[i], dense.w[i], tolerance, "element", i);
+  });
+  worst.report();
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,176 @@
+#include "nerf/kernels/elementwise.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "golden/golden.h"
+#include "kernels/kernel_test.h"
+#include "math/worst_error.h"
+#include "nerf/math/reference/activations.h"
+#include "nerf/math/reference/spherical_harmonics.h"
+#include "nerf/math/reference/volume_rendering.h"
+
+namespace nerf {
+namespace {
+
+constexpr float kInf = std::numeric_limits<float>::infinity();
+// Results under the smallest normal number may be rounded coarsely or flushed to 0.
+constexpr double kTiny = std::numeric_limits<float>::min();
+// Highway states 1 unit in the last place for Exp and 4 for Expm1; a unit is at most two roundoffs.
+constexpr double kExpError = 2 * kRoundoff, kExpm1Error = 8 * kRoundoff;
+
+// Numbers over the whole range and at every place where a function changes its form.
+std::vector<float> arguments() {
+  std::vector<float> out = {0.0f, -0.0f, 1e-30f, -1e-30f, 1e-7f, -1e-7f};
+  for (float kink : {15.0f, 30.0f, 80.0f, 88.0f, 88.8f, 104.0f, 127.0f, 178.0f, 200.0f, 1000.0f, 1e30f})
+    for (float sign : {-1.0f, 1.0f})
+      for (float at : {std::nextafter(kink, 0.0f), kink, std::nextafter(kink, kInf)})
+        out.push_back(sign * at);
+  Random random(23, 0, 0);
+  for (double width : {1e-3, 1.0, 20.0, 110.0})
+    for (int i = 0; i < 400; ++i) out.push_back(uniform(random, -width, width));
+  return out;
+}
+
+Matrix row_of(const std::vector<float>& values) {
+  Matrix m(1, static_cast<int64_t>(values.size()));
+  for (int64_t i = 0; i < m.padded; ++i)
+    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5f;
+  return m;
+}
+
+TEST(Elementwise, TruncatedExp) {
+  WorstError forward("forward"), backward("backward");
+  for_each_target([&](const std::string&) {
+    std::vector<float> values = arguments();
+    values.insert(values.end(), {-kInf, kInf});
+    const Matrix x = row_of(values);
+    Random random(24, 0, 0);
+    const Matrix dy(1, x.n, random, -2, 2, Matrix::Padding::kZero);
+    Matrix y(1, x.n), dx(1, x.n);
+    truncated_exp_forward(x.n, x.data.data(), y.data.data());
+    truncated_exp_backward(x.n, x.data.data(), dy.data.data(), dx.data.data());
+    for (int64_t i = 0; i < x.n; ++i) {
+      const double at = x.at(0, i), g = dy.at(0, i);
+      const double want = std::isfinite(at) ? reference::truncated_exp(at) : at < 0 ? 0 : std::exp(30);
+      forward.compare(y.at(0, i), want, kExpError * want + kTiny, "x", at);
+      const double slope = reference::truncated_exp_slope(at);
+      backward.compare(dx.at(0, i), slope * g, (kExpError + kRoundoff) * std::fabs(slope * g) + kTiny,
+                       "x", at);
+    }
+    y.expect_untouched_beyond_padding();
+    dx.expect_untouched_beyond_padding();
+  });
+  forward.report();
+  backward.report();
+}
+
+// exp(-x) has relative error e, 1 + exp(-x) one more roundoff and at most e, the quotient another.
+TEST(Elementwise, Sigmoid) {
+  WorstError forward("forward"), backward("backward");
+  for_each_target([&](const std::string&) {
+    std::vector<float> values = arguments();
+    values.insert(values.end(), {-kInf, kInf});
+    const Matrix x = row_of(values);
+    Random random(25, 0, 0);
+    const Matrix dy(1, x.n, random, -2, 2, Matrix::Padding::kZero);
+    Matrix y(1, x.n), dx(1, x.n);
+    sigmoid_forward(x.n, x.data.data(), y.data.data());
+    sigmoid_backward(x.n, y.data.data(), dy.data.data(), dx.data.data());
+    for (int64_t i = 0; i < x.n; ++i) {
+      const double at = x.at(0, i), g = dy.at(0, i);
+      const double want = std::isfinite(at) ? reference::sigmoid(at) : at < 0 ? 0 : 1;
+      forward.compare(y.at(0, i), want, (kExpError + 2 * kRoundoff) * want + kTiny, "x", at);
+      const double slope = reference::sigmoid_slope(static_cast<double>(y.at(0, i)));
+      backward.compare(dx.at(0, i), slope * g, 2 * kRoundoff * std::fabs(slope * g) + kTiny, "x", at);
+    }
+    y.expect_untouched_beyond_padding();
+    dx.expect_untouched_beyond_padding();
+  });
+  forward.report();
+  backward.report();
+}
+
+// The product's rounding reaches 1 - exp(-tau) damped by tau / (exp(tau) - 1) <= 1. Small arguments
+// keep their relative accuracy.
+TEST(Elementwise, Opacity) {
+  WorstError worst("opacity");
+  for_each_target([&](const std::string&) {
+    Random random(26, 0, 0);
+    std::vector<float> densities, deltas;
+    for (double exponent = -12; exponent <= 12; exponent += 0.05) {
+      densities.push_back(static_cast<float>(std::pow(10.0, exponent)));
+      deltas.push_back(uniform(random, 1e-4, 2));
+    }
+    densities.insert(densities.end(), {0.0f, 3.0f, 1e13f, 1e38f, 80.0f, 79.9f, 104.0f, 1e4f});
+    deltas.insert(deltas.end(), {1.0f, 0.0f, 4.0f, 0.5f, 1.0f, 1.0f, 1.0f, 1.0f});
+    const Matrix density = row_of(densities), delta = row_of(deltas);
+    Matrix alpha(1, density.n);
+    opacity(density.n, density.data.data(), delta.data.data(), alpha.data.data());
+    for (int64_t i = 0; i < density.n; ++i) {
+      const double want =
+          reference::opacity<double>(density.at(0, i), delta.at(0, i));
+      worst.compare(alpha.at(0, i), want, (kExpm1Error + kRoundoff) * want + kTiny, "density",
+                    density.at(0, i), "delta", delta.at(0, i));
+      EXPECT_LE(alpha.at(0, i), 1.0f);
+      EXPECT_GE(alpha.at(0, i), 0.0f);
+    }
+    alpha.expect_untouched_beyond_padding();
+  });
+  worst.report();
+}
+
+// Every count: results for all n values, nothing beyond the padding, the same bits as for any other.
+TEST(Elementwise, EveryCount) {
+  for_each_target([&](const std::string&) {
+    Random random(27, 0, 0);
+    const Matrix a(1, 256, random, -3, 3), b(1, 256, random, 0, 2);
+    Matrix full[6] = {{1, 256}, {1, 256}, {1, 256}, {1, 256}, {1, 256}, b};
+    const auto run = [&](int64_t n, Matrix out[6]) {
+      truncated_exp_forward(n, a.data.data(), out[0].data.data());
+      truncated_exp_backward(n, a.data.data(), b.data.data(), out[1].data.data());
+      sigmoid_forward(n, a.data.data(), out[2].data.data());
+      sigmoid_backward(n, out[2].data.data(), b.data.data(), out[3].data.data());
+      opacity(n, b.data.data(), b.data.data(), out[4].data.data());
+      add_to(n, a.data.data(), out[5].data.data());
+    };
+    run(256, full);
+    for (int64_t i = 0; i < 256; ++i) EXPECT_EQ(full[5].at(0, i), a.at(0, i) + b.at(0, i)) << i;
+    for (int64_t n : kCounts) {
+      Matrix part[6] = {{1, n}, {1, n}, {1, n}, {1, n}, {1, n}, {1, n}};
+      for (int64_t i = 0; i < part[5].padded; ++i) part[5].at(0, i) = b.at(0, i);
+      run(n, part);
+      for (int f = 0; f < 6; ++f) {
+        for (int64_t i = 0; i < n; ++i) ASSERT_EQ(part[f].at(0, i), full[f].at(0, i)) << f << ' ' << i;
+        part[f].expect_untouched_beyond_padding();
+      }
+    }
+  });
+}
+
+// Polynomials of at most 5 products and 2 sums whose terms stay under 3 on the unit sphere.
+TEST(SphericalHarmonics, MatchTemplateAndGolden) {
+  WorstError worst("template"), golden("golden");
+  for (const std::vector<double>& v : golden_lines("encodings.txt", "harmonics")) {
+    const std::array<float, 3> d{static_cast<float>(v[0]), static_cast<float>(v[1]),
+                                 static_cast<float>(v[2])};
+    float out[kSphericalHarmonics];
+    spherical_harmonics(d[0], d[1], d[2], out);
+    const auto want = reference::spherical_harmonics<double>(d[0], d[1], d[2]);
+    for (size_t i = 0; i < 16; ++i) {
+      worst.compare(out[i], want[i], rounding_bound(8) * 3, d[0], d[1], d[2], "value", i);
+      // The direction itself was rounded: slopes up to 9 in each of three coordinates.
+      golden.compare(out[i], v[3 + i], rounding_bound(8) * 3 + 27 * kRoundoff, d[0], d[1], d[2],
+                     "value", i);
+    }
+  }
+  worst.report();
+  golden.report();
+}
+
+}  // namespace
+}  // namespace nerf

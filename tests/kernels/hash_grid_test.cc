@@ -1,0 +1,238 @@
+#include "nerf/kernels/hash_grid.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "golden/golden.h"
+#include "kernels/kernel_test.h"
+#include "math/worst_error.h"
+#include "nerf/math/reference/hash_grid.h"
+
+namespace nerf {
+namespace {
+
+namespace ref = reference;
+
+ref::GridLevel reference_level(const HashGridLevel& l) {
+  return {l.scale, l.resolution, l.entries, l.dense};
+}
+
+// Dense and hashed levels, coarse to so fine that float places have few digits left in a cell.
+std::vector<HashGridLevel> levels() {
+  std::vector<HashGridLevel> out;
+  for (const HashGridShape& shape : {hash_grid_shape(4, 12, 4, 100), hash_grid_shape(3, 8, 16, 5000)})
+    out.insert(out.end(), shape.levels.begin(), shape.levels.end());
+  return out;
+}
+
+struct Positions {
+  Positions(int64_t n, Random& random) : p(3, n, random, -0.05, 1.05) {
+    for (int i = 0; i < 3 && n > 2; ++i) {
+      p.at(i, 0) = 0;
+      p.at(i, 1) = 1;
+      p.at(i, 2) = 0.5f;
+    }
+  }
+  const float* row(int i) const { return p.data.data() + i * p.ld; }
+  std::array<double, 3> at(int64_t s) const { return {p.at(0, s), p.at(1, s), p.at(2, s)}; }
+  Matrix p;
+};
+
+// A place x scale + 1/2 is rounded once; distances to both vertices once more at most. An error of
+// place moves the weights along one axis by as much, up on one side and down on the other, so the
+// sum over corners of all weights' errors is at most twice the sum over axes of this.
+double place_error(const HashGridLevel& level) {
+  return 3 * (kRoundoff * (level.scale + 1.5) + kRoundoff);
+}
+
+TEST(HashGrid, Forward) {
+  WorstError worst("forward");
+  for_each_target([&](const std::string&) {
+    Random random(31, 0, 0);
+    for (const HashGridLevel& level : levels()) {
+      AlignedArray<float> table(level.entries * kGridFeatures);
+      for (float& v : table) v = uniform(random, -1, 1);
+      const std::vector<double> exact(table.begin(), table.end());
+      for (int64_t n : kCounts) {
+        const Positions positions(n, random);
+        Matrix features(kGridFeatures, n);
+        hash_grid_forward(level, table.data(), positions.row(0), positions.row(1),
+                          positions.row(2), n, features.data.data(), features.ld);
+        for (int64_t s = 0; s < n; ++s) {
+          const auto want = ref::grid_interpolate(reference_level(level), exact, positions.at(s));
+          // Entries of at most 1: the weights' errors, two products each, and a sum of 8.
+          const double tolerance = 2 * place_error(level) + rounding_bound(2 + 8);
+          for (int f = 0; f < kGridFeatures; ++f)
+            worst.compare(features.at(f, s), want[static_cast<size_t>(f)], tolerance, "scale",
+                          level.scale, "dense", level.dense, "n", n, "sample", s, "feature", f);
+        }
+        features.expect_untouched_beyond_padding();
+      }
+    }
+  });
+  worst.report();
+}
+
+// Table gradients are the sum over samples of the template's; rows that no sample reaches stay 0 and
+// unflagged, whatever was in the gradient before is added to.
+TEST(HashGrid, BackwardIsTheSumOverSamples) {
+  WorstError worst("backward");
+  for_each_target([&](const std::string&) {
+    Random random(32, 0, 0);
+    for (const HashGridLevel& level : levels()) {
+      const ref::GridLevel exact_level = reference_level(level);
+      for (int64_t n : kCounts) {
+        const Positions positions(n, random);
+        Matrix g(kGridFeatures, n, random, -1, 1, Matrix::Padding::kZero);
+        for (int64_t s = 0; s < n; s += 3)  // a third of the samples has no gradient
+          for (int f = 0; f < kGridFeatures; ++f) g.at(f, s) = 0;
+        AlignedArray<float> gradient(level.entries * kGridFeatures);
+        AlignedArray<uint8_t> touched(level.entries);
+        // Some rows already hold a gradient from an earlier chunk.
+        std::vector<double> want(gradient.size());
+        for (size_t i = 0; i < gradient.size(); i += 7) want[i] = gradient[i] = 0.25f;
+        hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), n,
+                           g.data.data(), g.ld, gradient.data(), touched.data());
+
+        std::vector<double> size = want;  // sum of magnitudes, for the tolerance
+        std::vector<double> most(level.entries);
+        std::vector<bool> reached(level.entries);
+        for (int64_t s = 0; s < n; ++s) {
+          std::array<double, 4> d{}, absolute{};
+          double largest = 0;
+          for (size_t f = 0; f < 4; ++f) {
+            d[f] = g.at(static_cast<int>(f), s);
+            absolute[f] = std::fabs(d[f]);
+            largest = std::max(largest, absolute[f]);
+          }
+          if (largest == 0) continue;
+          ref::grid_interpolate_backward(exact_level, positions.at(s), d, want);
+          ref::grid_interpolate_backward(exact_level, positions.at(s), absolute, size);
+          for (const auto& c : ref::grid_corners<double>(exact_level, positions.at(s))) {
+            reached[c.row] = true;
+            most[c.row] += largest;
+          }
+        }
+        for (uint32_t row = 0; row < level.entries; ++row) {
+          ASSERT_LE(touched[row], 1);
+          double sum = 0;
+          for (size_t f = 0; f < 4; ++f) {
+            const size_t i = row * 4 + f;
+            // n + 1 additions of products of 4; the weights' errors times the gradients.
+            worst.compare(gradient[i], want[i],
+                          rounding_bound(static_cast<double>(n) + 4) * size[i] +
+                              place_error(level) * most[row],
+                          "scale", level.scale, "dense", level.dense, "n", n, "row", row,
+                          "feature", f);
+            sum += std::fabs(want[i]);
+          }
+          // A corner of weight ~0 may fall to the neighbouring cell where the place was rounded.
+          if (reached[row] && sum > 1 + 8 * place_error(level)) {
+            ASSERT_EQ(touched[row], 1) << "row " << row;
+          }
+          if (!touched[row]) {
+            for (size_t f = 0; f < 4; ++f)
+              ASSERT_EQ(gradient[row * 4 + f], (row * 4 + f) % 7 == 0 ? 0.25f : 0.0f)
+                  << "row " << row << " changed but is not flagged";
+          }
+        }
+      }
+    }
+  });
+  worst.report();
+}
+
+// One sample with gradient (1, 0, 0, 0) shows which rows it reads and with what weight; the golden
+// rows include hash terms that wrap around 2^32.
+TEST(HashGrid, CornersMatchGolden) {
+  for_each_target([&](const std::string&) {
+    for (const std::vector<double>& v : golden_lines("encodings.txt", "corners")) {
+      HashGridLevel level;
+      level.scale = static_cast<float>(v[0]);
+      level.resolution = static_cast<uint32_t>(v[1]);
+      level.entries = static_cast<uint32_t>(v[2]);
+      level.dense = v[3] != 0;
+      Matrix p(3, 1), g(kGridFeatures, 1);
+      for (int i = 0; i < 3; ++i)
+        for (int64_t s = 0; s < p.padded; ++s) p.at(i, s) = static_cast<float>(v[4 + static_cast<size_t>(i)]);
+      for (int f = 0; f < kGridFeatures; ++f)
+        for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0f : 0.0f;
+      AlignedArray<float> gradient(uint64_t{level.entries} * kGridFeatures);
+      AlignedArray<uint8_t> touched(level.entries);
+      hash_grid_backward(level, p.data.data(), p.data.data() + p.ld, p.data.data() + 2 * p.ld, 1,
+                         g.data.data(), g.ld, gradient.data(), touched.data());
+      std::vector<std::pair<uint32_t, float>> rows;  // expected sums; corners may share a row
+      double flagged = 0, expected = 0;
+      for (size_t c = 0; c < 8; ++c) {
+        const uint32_t row = static_cast<uint32_t>(v[7 + c]);
+        double sum = 0;
+        bool first = true;
+        for (size_t k = 0; k < 8; ++k) {
+          if (static_cast<uint32_t>(v[7 + k]) != row) continue;
+          sum += v[15 + k];
+          first &= k >= c;
+        }
+        EXPECT_EQ(touched[row], 1) << "scale " << v[0] << " corner " << c;
+        EXPECT_EQ(gradient[size_t{row} * 4], static_cast<float>(sum))
+            << "scale " << v[0] << " place " << v[4] << ' ' << v[5] << ' ' << v[6] << " corner " << c;
+        expected += first;
+      }
+      for (uint32_t row = 0; row < level.entries; ++row) flagged += touched[row];
+      EXPECT_EQ(flagged, expected) << "scale " << v[0];
+    }
+  });
+}
+
+TEST(HashGrid, ShapesMatchGolden) {
+  for (const std::vector<double>& v : golden_lines("encodings.txt", "shape")) {
+    const int count = static_cast<int>(v[0]);
+    const HashGridShape shape = hash_grid_shape(count, static_cast<int>(v[1]),
+                                                static_cast<int>(v[2]), v[3]);
+    ASSERT_EQ(shape.levels.size(), static_cast<size_t>(count));
+    ASSERT_EQ(v.size(), 4 + 5 * shape.levels.size());
+    EXPECT_EQ(shape.features(), 4 * count);
+    uint64_t rows = 0;
+    for (size_t l = 0; l < shape.levels.size(); ++l) {
+      const HashGridLevel& level = shape.levels[l];
+      const double* want = &v[4 + 5 * l];
+      EXPECT_FLOAT_EQ(level.scale, static_cast<float>(want[0])) << "level " << l;
+      EXPECT_EQ(level.resolution, want[1]) << "level " << l;
+      EXPECT_EQ(level.entries, want[2]) << "level " << l;
+      EXPECT_EQ(static_cast<double>(level.offset), want[3]) << "level " << l;
+      EXPECT_EQ(level.dense, want[4] != 0) << "level " << l;
+      EXPECT_EQ(level.entries % 8, 0u) << "rows come in blocks of 8 (adam_rows)";
+      rows += level.entries;
+    }
+    EXPECT_EQ(shape.rows, rows);
+  }
+}
+
+// Whatever the position, no row outside the table is read.
+TEST(HashGrid, PositionsThatAreNoNumbersStayInTheTable) {
+  for_each_target([&](const std::string&) {
+    for (const HashGridLevel& level : levels()) {
+      Matrix p(3, 16), features(kGridFeatures, 16);
+      const float odd[] = {std::nanf(""), INFINITY, -INFINITY, 1e30f, -1e30f, 1 + 1e-6f};
+      for (int i = 0; i < 3; ++i)
+        for (int64_t s = 0; s < 16; ++s) p.at(i, s) = odd[(s + i * (s / 6)) % 6];
+      // A table of exactly the level's size: memory checkers see any row beyond it.
+      AlignedArray<float> table(level.entries * kGridFeatures);
+      for (float& v : table) v = 1;
+      hash_grid_forward(level, table.data(), p.data.data(), p.data.data() + p.ld,
+                        p.data.data() + 2 * p.ld, 16, features.data.data(), features.ld);
+      for (int64_t s = 0; s < 16; ++s) {
+        bool number = true;
+        for (int i = 0; i < 3; ++i) number &= !std::isnan(p.at(i, s));
+        if (number) {
+          EXPECT_NEAR(features.at(0, s), 1, 1e-5) << "weights add up to 1, sample " << s;
+        }
+      }
+    }
+  });
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,81 @@
+// What the kernels' tests share: every target that this processor has, and padded matrices of known
+// contents around which nothing may be written.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+#include "nerf/kernels/linear.h"
+#include "nerf/kernels/simd.h"
+#include "nerf/math/random.h"
+
+namespace nerf {
+
+// Runs `body(target)` on every target; the best one is in force again afterwards.
+template <class Body>
+void for_each_target(const Body& body) {
+  struct Restore {
+    ~Restore() { force_simd_target(""); }
+  } restore;
+  for (const std::string& target : simd_targets()) {
+    SCOPED_TRACE("target " + target);
+    force_simd_target(target);
+    body(target);
+  }
+}
+
+inline constexpr int64_t kCounts[] = {0, 1, 15, 16, 17, 240};  // of samples
+inline constexpr int kWidths[] = {1, 3, 5, 16, 31, 64};        // of layers
+
+inline float uniform(Random& random, double low, double high) {
+  return static_cast<float>(low + (high - low) * static_cast<double>(random.uniform()));
+}
+
+// [rows x n] with a stride beyond n rounded up. Padding columns are finite but not 0 unless they are
+// to be; whatever lies beyond them holds kCanary.
+struct Matrix {
+  static constexpr float kCanary = 12345.678f;
+  enum class Padding { kNoise, kZero };
+
+  Matrix(int r, int64_t count)
+      : rows(r),
+        n(count),
+        padded(round_up(count, kLane)),
+        ld(padded + kLane),
+        data(static_cast<size_t>(rows * ld)) {
+    for (float& v : data) v = kCanary;
+  }
+  Matrix(int r, int64_t count, Random& random, double low, double high,
+         Padding padding = Padding::kNoise)
+      : Matrix(r, count) {
+    for (int i = 0; i < rows; ++i)
+      for (int64_t s = 0; s < padded; ++s)
+        at(i, s) = s < n || padding == Padding::kNoise ? uniform(random, low, high) : 0.0f;
+  }
+
+  float& at(int row, int64_t s) { return data[static_cast<size_t>(row * ld + s)]; }
+  float at(int row, int64_t s) const { return data[static_cast<size_t>(row * ld + s)]; }
+
+  std::vector<double> column(int64_t s) const {
+    std::vector<double> out;
+    for (int i = 0; i < rows; ++i) out.push_back(at(i, s));
+    return out;
+  }
+
+  // Everything right of the padding still holds kCanary.
+  void expect_untouched_beyond_padding() const {
+    for (int i = 0; i < rows; ++i)
+      for (int64_t s = padded; s < ld; ++s)
+        ASSERT_EQ(at(i, s), kCanary) << "row " << i << " column " << s << " of " << n;
+  }
+
+  int rows;
+  int64_t n, padded, ld;
+  AlignedArray<float> data;
+};
+
+}  // namespace nerf

@@ -1,0 +1,211 @@
+#include "nerf/kernels/linear.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "math/worst_error.h"
+#include "nerf/math/reference/linear.h"
+
+namespace nerf {
+namespace {
+
+using Vector = std::vector<double>;
+
+// Weights [out x in], padded for the kernels and packed for the template.
+struct Layer {
+  Layer(int i, int o, Random& random) : in(i), out(o), w(static_cast<size_t>(o * weight_stride(i))) {
+    for (int j = 0; j < out; ++j)
+      for (int k = 0; k < in; ++k) {
+        const float v = uniform(random, -1, 1);
+        w[static_cast<size_t>(j * weight_stride(in) + k)] = v;
+        packed.push_back(v);
+      }
+    bias = AlignedArray<float>(static_cast<size_t>(round_up(out, kLane)));
+    for (int j = 0; j < out; ++j) bias[static_cast<size_t>(j)] = uniform(random, -1, 1);
+  }
+  Vector bias_vector() const { return {bias.begin(), bias.begin() + out}; }
+
+  int in, out;
+  AlignedArray<float> w, bias;
+  Vector packed;
+};
+
+Vector absolute(Vector v) {
+  for (double& x : v) x = std::fabs(x);
+  return v;
+}
+
+template <class Body>
+void for_each_shape(const Body& body) {
+  for_each_target([&](const std::string&) {
+    Random random(17, 0, 0);
+    for (int in : kWidths)
+      for (int out : kWidths)
+        for (int64_t n : kCounts) {
+          SCOPED_TRACE("in " + std::to_string(in) + " out " + std::to_string(out) + " n " +
+                       std::to_string(n));
+          body(in, out, n, random);
+        }
+  });
+}
+
+// A sum of in products and a bias, in any order: rounding_bound(in + 1) (|b| + sum |w| |x|).
+TEST(Linear, Forward) {
+  WorstError worst("forward");
+  for_each_shape([&](int in, int out, int64_t n, Random& random) {
+    const Layer layer(in, out, random);
+    const Matrix x(in, n, random, -1, 1);
+    for (bool relu : {false, true})
+      for (bool with_bias : {false, true}) {
+        Matrix y(out, n);
+        linear_forward(in, out, layer.w.data(), with_bias ? layer.bias.data() : nullptr,
+                       x.data.data(), y.data.data(), x.ld, n,
+                       relu ? LinearActivation::kRelu : LinearActivation::kNone);
+        const Vector bias = with_bias ? layer.bias_vector() : Vector();
+        for (int64_t s = 0; s < n; ++s) {
+          const Vector column = x.column(s);
+          const Vector want =
+              reference::linear(layer.packed, bias, column, static_cast<size_t>(out), relu);
+          const Vector size = reference::linear(absolute(layer.packed), absolute(bias),
+                                                absolute(column), static_cast<size_t>(out), false);
+          for (int j = 0; j < out; ++j) {
+            const size_t at = static_cast<size_t>(j);
+            worst.compare(y.at(j, s), want[at], rounding_bound(in + 1) * size[at], "in", in, "out",
+                          out, "n", n, "row", j, "sample", s);
+          }
+        }
+        for (int j = 0; j < out; ++j)
+          for (int64_t s = n; s < y.padded; ++s) ASSERT_TRUE(std::isfinite(y.at(j, s)));
+        y.expect_untouched_beyond_padding();
+      }
+  });
+  worst.report();
+}
+
+TEST(Linear, BackwardInput) {
+  WorstError worst("backward_input");
+  for_each_shape([&](int in, int out, int64_t n, Random& random) {
+    const Layer layer(in, out, random);
+    const Matrix dy(out, n, random, -1, 1, Matrix::Padding::kZero);
+    // A layer input that is itself the output of a ReLU: about half of it 0.
+    Matrix relu_output(in, n, random, -1, 1);
+    for (float& v : relu_output.data) v = std::max(v, 0.0f);
+    for (bool masked : {false, true}) {
+      Matrix dx(in, n);
+      linear_backward_input(in, out, layer.w.data(), dy.data.data(), dx.data.data(), dx.ld, n,
+                            masked ? relu_output.data.data() : nullptr);
+      Vector dw(layer.packed.size()), none, want, size;
+      for (int64_t s = 0; s < n; ++s) {
+        const Vector g = dy.column(s), x(static_cast<size_t>(in));
+        reference::linear_backward(layer.packed, x, g, g, false, want, dw, none);
+        reference::linear_backward(absolute(layer.packed), x, g, absolute(g), false, size, dw, none);
+        for (int k = 0; k < in; ++k) {
+          const size_t at = static_cast<size_t>(k);
+          const bool open = !masked || relu_output.at(k, s) > 0;
+          worst.compare(dx.at(k, s), open ? want[at] : 0, open ? rounding_bound(out) * size[at] : 0,
+                        "in", in, "out", out, "n", n, "row", k, "sample", s);
+        }
+      }
+      for (int k = 0; k < in; ++k)
+        for (int64_t s = n; s < dx.padded; ++s) ASSERT_EQ(dx.at(k, s), 0) << "padding";
+      dx.expect_untouched_beyond_padding();
+    }
+  });
+  worst.report();
+}
+
+TEST(Linear, TransposeToSamples) {
+  for_each_target([&](const std::string&) {
+    Random random(18, 0, 0);
+    for (int in : kWidths)
+      for (int64_t n : kCounts) {
+        const Matrix x(in, n, random, -1, 1);
+        const int64_t stride = weight_stride(in);
+        AlignedArray<float> xt(static_cast<size_t>((x.padded + kLane) * stride));
+        for (float& v : xt) v = Matrix::kCanary;
+        transpose_to_samples(in, x.data.data(), x.ld, n, xt.data());
+        for (int64_t s = 0; s < x.padded + kLane; ++s)
+          for (int64_t k = 0; k < stride; ++k) {
+            const float want = s >= x.padded ? Matrix::kCanary
+                               : k < in      ? x.at(static_cast<int>(k), s)
+                                             : 0.0f;
+            ASSERT_EQ(xt[static_cast<size_t>(s * stride + k)], want)
+                << "in " << in << " n " << n << " sample " << s << " row " << k;
+          }
+      }
+  });
+}
+
+// Sums of n products on top of what is there; the padding columns of dw stay 0.
+TEST(Linear, BackwardWeights) {
+  WorstError worst("backward_weights");
+  for_each_shape([&](int in, int out, int64_t n, Random& random) {
+    const Matrix x(in, n, random, -1, 1);
+    const Matrix dy(out, n, random, -1, 1, Matrix::Padding::kZero);
+    const int64_t stride = weight_stride(in);
+    AlignedArray<float> xt(static_cast<size_t>(std::max<int64_t>(x.padded, 1) * stride));
+    transpose_to_samples(in, x.data.data(), x.ld, n, xt.data());
+    const Layer start(in, out, random);
+    const bool with_bias = n % 2 == 1;
+    AlignedArray<float> dw = start.w, dbias = start.bias;
+    linear_backward_weights(in, out, dy.data.data(), xt.data(), dy.ld, n, dw.data(),
+                            with_bias ? dbias.data() : nullptr);
+    Vector want = start.packed, size = absolute(start.packed), dx;
+    Vector want_bias = start.bias_vector(), size_bias = absolute(want_bias);
+    const Vector no_w(want.size());
+    for (int64_t s = 0; s < n; ++s) {
+      const Vector column = x.column(s), g = dy.column(s);
+      reference::linear_backward(no_w, column, g, g, false, dx, want, want_bias);
+      reference::linear_backward(no_w, absolute(column), g, absolute(g), false, dx, size, size_bias);
+    }
+    const double bound = rounding_bound(static_cast<double>(n + 1));
+    for (int j = 0; j < out; ++j) {
+      for (int k = 0; k < in; ++k) {
+        const size_t at = static_cast<size_t>(j * in + k);
+        worst.compare(dw[static_cast<size_t>(j * stride + k)], want[at], bound * size[at], "in", in,
+                      "out", out, "n", n, "row", j, "column", k);
+      }
+      for (int64_t k = in; k < stride; ++k)
+        ASSERT_EQ(dw[static_cast<size_t>(j * stride + k)], 0) << "padding column " << k;
+      const size_t at = static_cast<size_t>(j);
+      worst.compare(dbias[at], with_bias ? want_bias[at] : start.bias[at], bound * size_bias[at],
+                    "bias, in", in, "out", out, "n", n, "row", j);
+    }
+  });
+  worst.report();
+}
+
+TEST(Linear, ReluBackwardClosesExactlyWhereTheOutputIsZero) {
+  for_each_target([&](const std::string&) {
+    Random random(19, 0, 0);
+    for (int64_t n : kCounts) {
+      Matrix y(5, n, random, -1, 1), dy(5, n, random, -1, 1, Matrix::Padding::kZero);
+      for (float& v : y.data) v = v == Matrix::kCanary ? v : std::max(v, 0.0f);
+      if (n > 2) y.at(0, 0) = 1e-38f, y.at(0, 1) = -0.0f, y.at(0, 2) = 1e30f;
+      const Matrix before = dy;
+      relu_backward(5, y.data.data(), dy.data.data(), y.ld, n);
+      for (int r = 0; r < 5; ++r)
+        for (int64_t s = 0; s < n; ++s)
+          ASSERT_EQ(dy.at(r, s), y.at(r, s) > 0 ? before.at(r, s) : 0) << r << ' ' << s;
+      dy.expect_untouched_beyond_padding();
+    }
+  });
+}
+
+// The kink from both sides: the smallest positive number passes, 0 and below give exactly 0.
+TEST(Linear, ReluAtItsKink) {
+  for_each_target([&](const std::string&) {
+    AlignedArray<float> w(kLane), x(kLane), y(kLane);
+    w[0] = 1;
+    const float inputs[] = {-1e-30f, -0.0f, 0.0f, 1e-30f, -5, 5};
+    std::copy(std::begin(inputs), std::end(inputs), x.begin());
+    linear_forward(1, 1, w.data(), nullptr, x.data(), y.data(), kLane, 6, LinearActivation::kRelu);
+    for (size_t i = 0; i < 6; ++i) EXPECT_EQ(y[i], std::max(inputs[i], 0.0f)) << i;
+  });
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,167 @@
+#include "nerf/base/file.h"
+#include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
+#include "support/temp_folder.h"
+#include "train/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::contains;
+using test::error_of;
+using test::sphere_capture;
+using test::tiny_options;
+
+constexpr int64_t kHalf = 40;  // passes the refreshes of all cells at steps 32 and 64
+
+// Everything that a step wrote, as bytes.
+std::vector<uint8_t> bits_of(const Trainer& trainer) {
+  test::TempFolder folder;
+  trainer.save_checkpoint(folder / "bits");
+  return read_file(folder / "bits");
+}
+
+std::vector<uint8_t> bits_after(const test::SyntheticCapture& c, int threads, int64_t steps) {
+  ThreadPool pool(threads);
+  Trainer trainer(c.scene, c.photos, tiny_options(2 * kHalf), pool);
+  for (int64_t i = 0; i < steps; ++i) trainer.step();
+  return bits_of(trainer);
+}
+
+TEST(Checkpoint, TrainingGoesOnBitForBit) {
+  const auto c = sphere_capture();
+  test::TempFolder folder;
+  ThreadPool pool(2);
+  {
+    Trainer first(c.scene, c.photos, tiny_options(2 * kHalf), pool);
+    for (int64_t i = 0; i < kHalf; ++i) first.step();
+    first.save_checkpoint(folder / "c", "a word of the caller's");
+  }
+  Trainer second(c.scene, c.photos, tiny_options(2 * kHalf), pool);
+  second.step();  // what was there before must not matter
+  EXPECT_EQ(second.load_checkpoint(folder / "c"), "a word of the caller's");
+  EXPECT_EQ(second.steps_done(), kHalf);
+  for (int64_t i = 0; i < kHalf; ++i) second.step();
+  EXPECT_EQ(bits_of(second), bits_after(c, 2, 2 * kHalf));
+}
+
+TEST(Checkpoint, ThreadsChangeNothing) {
+  const auto c = sphere_capture();
+  const auto one = bits_after(c, 1, kHalf);
+  EXPECT_EQ(one, bits_after(c, 2, kHalf));
+  EXPECT_EQ(one, bits_after(c, 3, kHalf));
+}
+
+TEST(Checkpoint, SeedAndSaltChangeTheBits) {
+  const auto c = sphere_capture();
+  ThreadPool pool(1);
+  const auto after = [&](uint64_t seed, uint64_t salt) {
+    TrainOptions options = tiny_options(10);
+    options.seed = seed;
+    Trainer trainer(c.scene, c.photos, options, pool);
+    if (salt) trainer.vary(salt, 1);
+    trainer.step();
+    return trainer.snapshot().grid().table;
+  };
+  const auto a = after(1, 0), b = after(2, 0), d = after(1, 7);
+  EXPECT_TRUE(std::equal(a.begin(), a.end(), after(1, 0).begin()));
+  EXPECT_FALSE(std::equal(a.begin(), a.end(), b.begin()));
+  EXPECT_FALSE(std::equal(a.begin(), a.end(), d.begin()));
+}
+
+// A budget of time fixes the plan while it runs: what was done by then must not depend on it.
+TEST(Checkpoint, StepsBeforeTheHoldDoNotDependOnThePlan) {
+  const auto c = sphere_capture();
+  ThreadPool pool(1);
+  Trainer known(c.scene, c.photos, tiny_options(100), pool);
+  Trainer planned(c.scene, c.photos, tiny_options(1 << 30), pool);
+  for (int i = 0; i < 10; ++i) {
+    known.step();
+    planned.step();
+  }
+  planned.set_planned_steps(100);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(known.step().rate, planned.step().rate);
+  EXPECT_LT(known.step().rate, 0.01 * 17 / 64);  // it does fall afterwards
+  planned.step();
+  EXPECT_EQ(bits_of(known), bits_of(planned));
+}
+
+class CheckpointErrors : public ::testing::Test {
+ protected:
+  CheckpointErrors() {
+    Trainer trainer(capture.scene, capture.photos, tiny_options(10), pool);
+    trainer.step();
+    trainer.save_checkpoint(path);
+  }
+  std::string loading(const test::SyntheticCapture& c, const TrainOptions& options) {
+    Trainer trainer(c.scene, c.photos, options, pool);
+    return error_of([&] { trainer.load_checkpoint(path); });
+  }
+  // Loads the file after a change of its bytes.
+  std::string loading_changed(const std::function<void(std::vector<uint8_t>&)>& change) {
+    auto bytes = read_file(path);
+    change(bytes);
+    write_file_atomically(path, bytes);
+    return loading(capture, tiny_options(10));
+  }
+
+  ThreadPool pool{1};
+  test::TempFolder folder;
+  const std::filesystem::path path = folder / "checkpoint.nerf";
+  test::SyntheticCapture capture = sphere_capture();
+};
+
+TEST_F(CheckpointErrors, AnotherSceneIsNamed) {
+  auto other = sphere_capture();
+  EXPECT_EQ(loading(other, tiny_options(10)), "");
+  other.scene.views[3].name = "other";
+  EXPECT_TRUE(contains(loading(other, tiny_options(10)), "names of the images"));
+  EXPECT_TRUE(contains(loading(sphere_capture(12, 24), tiny_options(10)), "sizes of the photos"));
+  other = sphere_capture();
+  std::swap(other.scene.train[0], other.scene.test[0]);
+  EXPECT_TRUE(contains(loading(other, tiny_options(10)), "split"));
+  other = sphere_capture();
+  other.scene.views[1].pose.translation.x += 1e-9;
+  EXPECT_TRUE(contains(loading(other, tiny_options(10)), "poses"));
+}
+
+TEST_F(CheckpointErrors, OtherOptionsAreNamed) {
+  TrainOptions options = tiny_options(77);
+  EXPECT_EQ(loading(capture, options), "");  // the planned length is the checkpoint's
+  options.rate = 0.02;
+  EXPECT_TRUE(contains(loading(capture, options), "--rate 0.01, not 0.02"));
+  options = tiny_options(10);
+  options.grid.levels = 3;
+  EXPECT_TRUE(contains(loading(capture, options), "--grid-levels 4, not 3"));
+}
+
+TEST_F(CheckpointErrors, PlannedStepsComeFromTheFile) {
+  Trainer trainer(capture.scene, capture.photos, tiny_options(77), pool);
+  trainer.load_checkpoint(path);
+  EXPECT_EQ(trainer.options().steps, 10);
+}
+
+TEST_F(CheckpointErrors, AnotherVersionHasItsOwnMessage) {
+  EXPECT_TRUE(contains(loading_changed([](auto& b) { b[8] = 9; }),
+                       "checkpoint of version 9; this program reads version 1"));
+}
+
+TEST_F(CheckpointErrors, DamageIsFound) {
+  const auto good = read_file(path);
+  for (const size_t at : {size_t{0}, size_t{13}, size_t{40}, good.size() / 2, good.size() - 1})
+    EXPECT_NE(loading_changed([&](auto& b) { b = good, b[at] ^= 0x10; }), "") << at;
+  for (const size_t size : {size_t{0}, size_t{7}, size_t{31}, size_t{200}, good.size() - 1})
+    EXPECT_NE(loading_changed([&](auto& b) { b.assign(good.begin(), good.begin() + size); }), "")
+        << size;
+  EXPECT_TRUE(contains(loading_changed([&](auto& b) { b.assign(good.begin(), good.end() - 9); }),
+                       "truncated"));
+}
+
+TEST_F(CheckpointErrors, AModelFileIsNoCheckpoint) {
+  Trainer trainer(capture.scene, capture.photos, tiny_options(10), pool);
+  trainer.snapshot().save(path);
+  EXPECT_TRUE(contains(error_of([&] { trainer.load_checkpoint(path); }), "is not a checkpoint"));
+}
+
+}  // namespace
+}  // namespace nerf
