@@ -60,6 +60,7 @@ int run_main(const std::string& program, const std::function<int()>& body) {
   const char* name = program.c_str();
   try {
     set_up_logging();
+    std::signal(SIGXFSZ, SIG_IGN);  // a file over the size limit is an Error like a full disk
     return body();
   } catch (const Error& error) {
     return fail(name, one_line(error.what()).c_str(), kExitUser);

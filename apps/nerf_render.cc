@@ -2,7 +2,9 @@
 #include <fmt/format.h>
 
 #include "app.h"
+#include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/process.h"
 #include "nerf/base/progress.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/video.h"
@@ -16,6 +18,26 @@
 namespace nerf::apps {
 namespace {
 
+// What would make the video fail is found before the frames are rendered, not after.
+void check_video(const std::filesystem::path& mp4) {
+  require_program("ffmpeg", "ffmpeg", "writes films");
+  if (std::filesystem::is_directory(mp4)) throw Error("this is a folder", mp4.string());
+  const auto folder = mp4.parent_path();
+  make_writable_folder(folder.empty() ? "." : folder);
+}
+
+void make_video(const RenderCommand& command, const RenderedFiles& files, double fps,
+               const Cancel& cancel) {
+  Progress progress("encoding");
+  VideoOptions video;
+  video.frames_per_second = fps;
+  video.cancel = &cancel;
+  video.progress = [&](int done, int total) { progress.update(static_cast<double>(done) / total); };
+  write_video(command.mp4, files.color, video);
+  progress.finish();
+  log_info(fmt::format("video at {:g} frames per second: {}", fps, command.mp4.string()));
+}
+
 int render_main(int argc, char** argv) {
   RenderCommand command;
   if (parse_command_line(argc, argv, render_program_text(), command).exit) return kExitOk;
@@ -28,7 +50,7 @@ int render_main(int argc, char** argv) {
   const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes());
   for (const std::string& note : plan.notes) log_warning(note);
   make_writable_folder(command.out);
-  if (!command.mp4.empty()) check_video_output(command.mp4);
+  if (!command.mp4.empty()) check_video(command.mp4);
 
   RenderOptions options;
   options.background = command.background;
@@ -54,10 +76,7 @@ int render_main(int argc, char** argv) {
   if (command.depth && !files.depth.empty())
     log_info(fmt::format("depth from {:.4g} (red) to {:.4g} (blue), input unit: {}",
                          files.depth.near, files.depth.far, (command.out / "depth").string()));
-  if (!command.mp4.empty()) {
-    write_video(command.mp4, files.color, plan.fps);
-    log_info(fmt::format("video at {:g} frames per second: {}", plan.fps, command.mp4.string()));
-  }
+  if (!command.mp4.empty()) make_video(command, files, plan.fps, stop.cancel());
   return kExitOk;
 }
 

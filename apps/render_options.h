@@ -74,7 +74,7 @@ struct RenderCommand {
       at_least(1), at_most(100000));
     v("fps", fps, "frames per second of the video; without it the camera path's, or 30",
       at_least(0.1), at_most(1000));
-    v("mp4", mp4, "also writes the colour frames as a video", placeholder("FILE"));
+    v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", placeholder("FILE"));
     v("depth", depth, "colour-mapped depth pictures in DIR/depth");
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
     v("background", background, "sRGB colour behind the scene, each 0 to 1", at_least(0),

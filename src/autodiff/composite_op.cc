@@ -115,6 +115,8 @@ class HuberLoss : public Operation {
       }
       dp[3 * lr + r] = 0;
     }
+    const int64_t padded = round_up(c.rays, kLane);
+    for (int k = 0; k < 4; ++k) std::fill(dp + k * lr + c.rays, dp + k * lr + padded, 0.0f);
   }
 
  private:
@@ -127,6 +129,7 @@ Composite composite(Tape& tape, Value density, Value colour, Value delta, Value 
   NERF_CHECK_EQ(tape.rows(density), 1);
   NERF_CHECK_EQ(tape.rows(colour), 3);
   NERF_CHECK_EQ(tape.rows(background), 3);
+  NERF_CHECK(!tape.needs_gradient(delta) && !tape.needs_gradient(background));  // not trained
   const Value from[] = {density, colour};
   const Value weights = tape.output(1, Domain::kSamples, {});
   const Value pixel = tape.output(4, Domain::kRays, from);
@@ -137,6 +140,7 @@ Composite composite(Tape& tape, Value density, Value colour, Value delta, Value 
 Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta) {
   NERF_CHECK_EQ(tape.rows(pixel), 4);
   NERF_CHECK_EQ(tape.rows(target), 3);
+  NERF_CHECK(!tape.needs_gradient(target) && !tape.needs_gradient(scale));  // not trained
   const Value out = tape.output(1, Domain::kRays, {&pixel, 1});
   tape.record(std::make_unique<HuberLoss>(pixel, target, scale, out, delta));
   return out;

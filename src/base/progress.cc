@@ -86,10 +86,12 @@ Progress::~Progress() {
   }
 }
 
-void Progress::update(double fraction, const std::string& text) {
+void Progress::update(double fraction, const std::string& text,
+                      std::optional<double> seconds_left) {
   if (finished_) return;
   fraction_ = fraction >= 0 ? std::min(fraction, 1.0) : 0.0;
   text_ = text;
+  seconds_left_ = seconds_left;
   updated_ = true;
   drawn_current_ = false;
   const double now = clock_();
@@ -125,6 +127,8 @@ std::string Progress::line(double now) const {
   const double elapsed = now - start_;
   if (fraction_ >= 1)
     text += "  " + format_duration(elapsed);
+  else if (seconds_left_)
+    text += "  " + format_duration(*seconds_left_) + " left";
   else if (fraction_ > 0 && elapsed >= 1)
     text += "  " + format_duration(elapsed * (1 - fraction_) / fraction_) + " left";
   return text;

@@ -1,4 +1,5 @@
 // nerfstudio's camera-path JSON.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -156,9 +157,10 @@ CameraPath parse_camera_path(const std::string& json, const std::string& where,
   const int width = root.size("render_width"), height = root.size("render_height");
   const CameraModel model = read_camera_type(root, path);
   if (root.has("fps"))
-    path.fps = root.number("fps", 1e-3, 1e4);
+    path.fps = root.number("fps", 1e-3, 1000);
   else if (root.has("seconds"))
-    path.fps = static_cast<double>(frames.size()) / root.number("seconds", 1e-3, 1e9);
+    path.fps =
+        std::min(static_cast<double>(frames.size()) / root.number("seconds", 1e-3, 1e9), 1000.0);
   if (root.has("crop")) path.notes.emplace_back("crop is not used: give the box with --bbox");
 
   for (size_t i = 0; i < frames.size(); ++i) {

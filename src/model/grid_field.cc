@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"
@@ -53,7 +52,7 @@ void GridField::initialise(uint64_t seed) {
   for (uint64_t r = 0; r < shape.rows; ++r) {
     Random random(seed, kTableStream, r);
     for (int f = 0; f < kGridFeatures; ++f)
-      table[r * kGridFeatures + static_cast<size_t>(f)] = static_cast<float>(getenv("TI")?atof(getenv("TI")):1e-4) * (2 * random.uniform() - 1);
+      table[r * kGridFeatures + static_cast<size_t>(f)] = 1e-4f * (2 * random.uniform() - 1);
   }
   std::fill(weights.begin(), weights.end(), 0.0f);
   uint64_t layer = 0;

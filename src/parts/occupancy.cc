@@ -9,7 +9,7 @@ namespace nerf {
 
 namespace {
 constexpr float kUnknown = 0.02f;  // before anything was seen: occupied, and everywhere alike
-constexpr float kRise = 0.3f, kFall = 0.15f;
+constexpr float kRise = 0.15f, kFall = 0.15f;
 constexpr float kSolid = 0.1f;        // opacity from which a cell keeps its neighbours switched on
 constexpr float kMostOpaque = 0.9999f;  // keeps the thickness of a cell finite
 
@@ -63,10 +63,11 @@ OccupancyGrid::OccupancyGrid(int cascades)
 }
 
 int OccupancyGrid::cascade_of(const Vec3& p) const {
-  const float m = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
   int c = 0;
   float half = 1;
-  while (c < cascades_ && !(m < half)) {
+  // Lower borders belong to a cascade, upper ones do not: the same rule by which a cell holds points.
+  const auto holds = [&](float v) { return v >= -half && v < half; };
+  while (c < cascades_ && !(holds(p.x) && holds(p.y) && holds(p.z))) {
     half *= 2;
     ++c;
   }

@@ -65,7 +65,7 @@ void RaySampler::march(const Ray& ray, float min_transmittance) {
     box.min[i] = std::max(box.min[i], clip_.min[i]);
     box.max[i] = std::min(box.max[i], clip_.max[i]);
   }
-  if (!clip_to_box(ray, box, t0, t1)) return;
+  if (box.empty() || !clip_to_box(ray, box, t0, t1)) return;
   start_ = t0;
   entry_ = (ray.origin + ray.direction * t0).cast<float>();
 
@@ -80,17 +80,18 @@ void RaySampler::march(const Ray& ray, float min_transmittance) {
     v.positive[i] = d > 0;
     v.inverse[i] = v.step[i] ? 1.0f / d : 0.0f;
   }
+  if (!(v.end <= 4 * static_cast<float>(1 << grid_.cascades()))) return;  // coordinates are no numbers
+  // A ray that enters along the grid's upper border is inside it, wherever rounding has put it.
+  int c = std::min(grid_.cascade_of(entry_), grid_.cascades() - 1);
   float t = 0;
-  while (t < v.end && v.depth < v.stop) {
+  while (t < v.end && v.depth < v.stop && c < grid_.cascades()) {
     // Nudged across the border that the last stretch ended on.
-    const float at = t + 1e-6f + 1e-6f * t;
-    const int c = grid_.cascade_of(v.origin + v.direction * at);
-    if (c >= grid_.cascades()) break;
-    t = march_cascade(v, c, at);
+    t = march_cascade(v, c, t + 1e-6f + 1e-6f * t);
   }
 }
 
-float RaySampler::march_cascade(Traversal& v, int c, float t) {
+float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
+  const int c = cascade;
   constexpr int kBricks = OccupancyGrid::kBricks, kHalf = kBricks / 2;
   const float cell_width = OccupancyGrid::cell_width(c), width = 4 * cell_width;
   int at[3];
@@ -114,8 +115,15 @@ float RaySampler::march_cascade(Traversal& v, int c, float t) {
     t = exit;
     if (t >= v.end || v.depth >= v.stop) return t;
     at[axis] += v.step[axis];
-    if (at[axis] < 0 || at[axis] >= kBricks) return t;
-    if (c > 0 && in_finer()) return t;
+    // By the bricks' places and not by the point's: rounding may keep a point this side of the border.
+    if (at[axis] < 0 || at[axis] >= kBricks) {
+      ++cascade;
+      return t;
+    }
+    if (c > 0 && in_finer()) {
+      --cascade;
+      return t;
+    }
     next[axis] = v.border(axis, at[axis], kHalf, width);
   }
 }

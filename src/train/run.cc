@@ -21,6 +21,7 @@ constexpr int64_t kNoPlan = int64_t{1} << 40;
 // Share of the budget after which the plan is fixed, relative to TrainOptions::hold: early steps may
 // be faster than late ones, and must not leave the hold before.
 constexpr double kPlanWithinHold = 0.8;
+constexpr double kFirstSave = 0.25;  // of the interval between checkpoints
 constexpr double kEmptyOpacity = 0.001;
 constexpr double kEmptyShare = 0.02;  // of the photos' own opacity
 
@@ -49,7 +50,8 @@ class Run {
   }
 
   RunResult run() {
-    next_save_ = result_.train_seconds + 60 * options_.checkpoint_every;
+    // The first one early: most runs are stopped in their first minute.
+    next_save_ = result_.train_seconds + kFirstSave * 60 * options_.checkpoint_every;
     next_evaluation_ = result_.train_seconds + 60 * options_.eval_every;
     while (trainer_.steps_done() < trainer_.options().steps && !stopped()) step();
     result_.steps = trainer_.steps_done();

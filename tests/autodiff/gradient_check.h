@@ -3,8 +3,7 @@
 // complex step. Tolerances come from the template too (magnitude.h).
 //
 // The template is a generic callable
-//   []<class T>(const std::vector<Columns<T>>& inputs, const std::vector<T>& weights,
-//               const Rays& rays) -> std::vector<Columns<T>>
+//   []<class T>(const Given<T>& v) -> Outputs<T>
 // that returns the values in `outputs`, or the terms of the loss where the tape ends in one.
 // Every memory of the chunk starts as noise, so that reading padding, or gradients that nobody has
 // written, shows.
@@ -29,6 +28,17 @@ namespace nerf {
 template <class T>
 using Columns = std::vector<std::vector<T>>;  // [sample or ray][row]
 using Rays = std::vector<int32_t>;            // offsets of the rays' samples, one more than rays
+
+// What a template starts from: a value for each input, the weights as the tape lays them out.
+template <class T>
+struct Given {
+  std::vector<Columns<T>> values;
+  std::vector<T> weights;
+  const Rays& rays;
+  const Columns<T>& operator[](size_t input) const { return values[input]; }
+};
+template <class T>
+using Outputs = std::vector<Columns<T>>;
 
 // A value that the test fills with random numbers in [low, high], or with unit vectors.
 struct TestInput {
@@ -120,21 +130,21 @@ struct Problem {
     return w.offset + static_cast<size_t>(row * weight_stride(w.in) + column);
   }
 
-  // The template's outputs; `disturb` may change the inputs and weights first.
+  // The template's outputs; `disturb` may change what it is given first.
   template <class T, class Function, class Disturb>
-  std::vector<Columns<T>> evaluate(const Function& f, const Disturb& disturb) const {
-    std::vector<Columns<T>> in;
+  Outputs<T> evaluate(const Function& f, const Disturb& disturb) const {
+    Given<T> given{{}, {weights.begin(), weights.end()}, rays};
     for (const Columns<double>& value : values) {
-      in.emplace_back();
-      for (const std::vector<double>& column : value) in.back().emplace_back(column.begin(), column.end());
+      given.values.emplace_back();
+      for (const std::vector<double>& column : value)
+        given.values.back().emplace_back(column.begin(), column.end());
     }
-    std::vector<T> w(weights.begin(), weights.end());
-    disturb(in, w);
-    return f(in, w, rays);
+    disturb(given);
+    return f(given);
   }
 
   template <class T>
-  T loss(const std::vector<Columns<T>>& outputs) const {
+  T loss(const Outputs<T>& outputs) const {
     T sum(0);
     for (size_t i = 0; i < outputs.size(); ++i)
       for (size_t s = 0; s < outputs[i].size(); ++s)
@@ -157,11 +167,11 @@ struct Expected {
   double gradient, size;
 };
 
-// `pick(inputs, weights)` is a reference to the element.
+// `pick(given)` is a reference to the element.
 template <class Function, class Pick>
 Expected expected_gradient(const Problem& p, const Function& f, const Pick& pick) {
-  const auto step = [&](auto& in, auto& w) { pick(in, w) += Complex(0, kComplexStep); };
-  const auto mark = [&](auto& in, auto& w) { pick(in, w).slope = 1; };
+  const auto step = [&](auto& given) { pick(given) += Complex(0, kComplexStep); };
+  const auto mark = [&](auto& given) { pick(given).slope = 1; };
   return {p.loss(p.evaluate<Complex>(f, step)).imag() / kComplexStep,
           p.loss(p.evaluate<Magnitude>(f, mark)).slope};
 }
@@ -197,13 +207,20 @@ inline std::vector<Rays> ray_layouts() {
   return {{0}, {0, 0}, {0, 1}, {0, 0, 15, 15, 16}, {0, 1, 17, 17, 20, 37, 37}, {0, 64}};
 }
 
+// Numbers below the smallest normal one may have lost digits, or be 0, at any stage.
+inline constexpr double kUnderflow = 1e-36;
+// Besides the bound of every single element, which is a worst case: all gradients of a case together
+// have the relative error that roundings of random signs leave.
+inline constexpr double kNormError = 1e-6;
+
 template <class Function>
 void check_gradients(const std::string& name, const TapeUnderTest& test, const Function& f,
                      const std::vector<Rays>& layouts) {
   using namespace gradient_check;
   SCOPED_TRACE(name);
-  WorstError forward(name + "_forward"), backward(name + "_backward");
-  const auto nothing = [](auto&, auto&) {};
+  WorstError forward(name + "_forward"), backward(name + "_backward"),
+      norm(name + "_norm");
+  const auto nothing = [](auto&) {};
   for (const Rays& rays : layouts) {
     const Problem problem(test, rays, 1 + rays.size());
     SCOPED_TRACE("samples " + std::to_string(rays.back()) + " rays " + std::to_string(rays.size() - 1));
@@ -217,12 +234,12 @@ void check_gradients(const std::string& name, const TapeUnderTest& test, const F
       for (size_t s = 0; test.specs[i].gradient && s < problem.values[i].size(); ++s)
         for (size_t r = 0; r < problem.values[i][s].size(); ++r)
           truth.push_back(expected_gradient(
-              problem, f, [&](auto& in, auto&) -> auto& { return in[i][s][r]; }));
+              problem, f, [&](auto& given) -> auto& { return given.values[i][s][r]; }));
     for (const LinearWeights& w : test.layers)
       for (int j = 0; j < w.out; ++j)
         for (int k = 0; k < w.in; ++k)
-          truth.push_back(expected_gradient(problem, f, [&](auto&, auto& all) -> auto& {
-            return all[Problem::index(w, j, k)];
+          truth.push_back(expected_gradient(problem, f, [&](auto& given) -> auto& {
+            return given.weights[Problem::index(w, j, k)];
           }));
 
     for_each_target([&](const std::string&) {
@@ -237,43 +254,48 @@ void check_gradients(const std::string& name, const TapeUnderTest& test, const F
         for (size_t s = 0; s < outputs[i].size(); ++s)
           for (size_t r = 0; r < outputs[i][s].size(); ++r)
             forward.compare(run.chunk.data(test.outputs[i])[run.at(test.outputs[i], r, s)],
-                            outputs[i][s][r], unit * sizes[i][s][r].size, "output", i, "row", r,
+                            outputs[i][s][r], unit * sizes[i][s][r].size + kUnderflow, "output", i, "row", r,
                             "column", s);
       forward.compare(run.chunk.loss, problem.loss(outputs), unit * problem.loss(sizes).size, "loss");
 
       test.tape->backward(run.chunk);
       size_t next = 0;
+      double squared_error = 0, squared = 0;
+      const auto check = [&](double got, double before, const auto&... where) {
+        const Expected& want = truth[next++];
+        backward.compare(got, want.gradient, unit * (want.size + before) + kUnderflow, where...);
+        squared_error += (got - want.gradient) * (got - want.gradient);
+        squared += want.gradient * want.gradient;
+      };
       for (size_t i = 0; i < test.specs.size(); ++i) {
         if (!test.specs[i].gradient) continue;
         const float* got = run.chunk.gradient(test.inputs[i]);
-        const size_t columns = problem.values[i].size();
-        for (size_t s = 0; s < columns; ++s)
-          for (size_t r = 0; r < problem.values[i][s].size(); ++r, ++next)
-            backward.compare(got[run.at(test.inputs[i], r, s)], truth[next].gradient,
-                             unit * truth[next].size, "input", i, "row", r, "column", s);
-        for (int64_t s = static_cast<int64_t>(columns); s < round_up(static_cast<int64_t>(columns), kLane); ++s)
+        const int64_t test_columns = static_cast<int64_t>(problem.values[i].size());
+        for (size_t s = 0; s < problem.values[i].size(); ++s)
+          for (size_t r = 0; r < problem.values[i][s].size(); ++r)
+            check(got[run.at(test.inputs[i], r, s)], 0, "input", i, "row", r, "column", s);
+        for (int64_t s = test_columns; s < round_up(test_columns, kLane); ++s)
           for (int r = 0; r < test.specs[i].rows; ++r)
-            ASSERT_EQ(got[run.at(test.inputs[i], static_cast<size_t>(r), static_cast<size_t>(s))], 0)
-                << "padding of the gradient of input " << i;
+            backward.compare(got[run.at(test.inputs[i], static_cast<size_t>(r), static_cast<size_t>(s))],
+                             0, 0, "padding of input", i, "row", r, "column", s);
       }
       for (const LinearWeights& w : test.layers)
         for (int j = 0; j < w.out; ++j)
           for (int k = 0; k < weight_stride(w.in); ++k) {
             const float got = run.gradient[Problem::index(w, j, k)];
-            if (k >= w.in) {
-              ASSERT_EQ(got, 0) << "padding of the weights";
-              continue;
-            }
-            backward.compare(got, kBefore + truth[next].gradient,
-                             unit * (truth[next].size + static_cast<double>(kBefore)),
-                             "weights at", w.offset, "row", j, "column", k);
-            ++next;
+            if (k >= w.in)
+              backward.compare(got, 0, 0, "padding of weights at", w.offset, "row", j, "column", k);
+            else
+              check(got - static_cast<double>(kBefore), static_cast<double>(kBefore), "weights at", w.offset,
+                    "row", j, "column", k);
           }
       ASSERT_EQ(next, truth.size());
+      norm.compare(std::sqrt(squared_error), 0, kNormError * std::sqrt(squared), "all gradients");
     });
   }
   forward.report();
   backward.report();
+  norm.report();
 }
 
 // An operation by itself: `record` writes it on a tape and returns what the loss is made of, or

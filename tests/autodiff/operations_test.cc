@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "autodiff/reference_ops.h"
+#include "nerf/kernels/elementwise.h"
 
 namespace nerf {
 namespace {
@@ -13,12 +14,6 @@ namespace {
 using enum Domain;
 using Values = std::vector<Value>;
 constexpr LinearActivation kPlain = LinearActivation::kNone, kRelu = LinearActivation::kRelu;
-
-// Every function below is a template on the scalar; this shortens its parameters.
-#define NERF_TEMPLATE(in, w, rays)                                                            \
-  []<class T>([[maybe_unused]] const std::vector<Columns<T>>& in,                             \
-              [[maybe_unused]] const std::vector<T>& w, [[maybe_unused]] const Rays& rays)    \
-      -> std::vector<Columns<T>>
 
 // Layers placed one after the other, as a model does.
 std::vector<LinearWeights> place(const std::vector<int>& widths) {
@@ -45,9 +40,8 @@ TEST(Gradient, Linear) {
                          },
                          // Sums over inputs, outputs and samples, and the loss's over all.
                          70.0 + in + out},
-                        [&]<class T>(const std::vector<Columns<T>>& v, const std::vector<T>& weights,
-                                     const Rays&) -> std::vector<Columns<T>> {
-                          return {on_columns::linear(v[0], weights, w[0], relu)};
+                        [&]<class T>(const Given<T>& v) -> Outputs<T> {
+                          return {on_columns::linear(v[0], v.weights, w[0], relu)};
                         });
       }
 }
@@ -60,8 +54,8 @@ TEST(Gradient, LinearOfConstantInput) {
                    w,
                    [](Tape& t, const Values& v) { return Values{linear(t, v[0], w[0], kRelu)}; },
                    80},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    return {on_columns::linear(v[0], weights, w[0], true)};
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    return {on_columns::linear(v[0], v.weights, w[0], true)};
                   });
 }
 
@@ -77,8 +71,8 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                      return Values{linear(t, linear(t, v[0], w[0], kRelu), w[1], kPlain)};
                    },
                    100},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    return {on_columns::mlp(v[0], weights, w)};
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    return {on_columns::mlp(v[0], v.weights, w)};
                   });
   check_operation({"relu_two_layers", {{7, kSamples, true}}, all,
                    [](Tape& t, const Values& v) {
@@ -87,11 +81,11 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                      return Values{y, z, linear(t, v[0], third, kRelu)};
                    },
                    100},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    const auto a = on_columns::linear(v[0], weights, w[0], true);
-                    return {on_columns::linear(a, weights, w[1], true),
-                            on_columns::linear(a, weights, other, false),
-                            on_columns::linear(v[0], weights, third, true)};
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto a = on_columns::linear(v[0], v.weights, w[0], true);
+                    return {on_columns::linear(a, v.weights, w[1], true),
+                            on_columns::linear(a, v.weights, other, false),
+                            on_columns::linear(v[0], v.weights, third, true)};
                   });
   check_operation({"relu_layer_and_loss", {{7, kSamples, true}}, w,
                    [](Tape& t, const Values& v) {
@@ -99,9 +93,9 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                      return Values{a, linear(t, a, w[1], kPlain)};
                    },
                    100},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    const auto a = on_columns::linear(v[0], weights, w[0], true);
-                    return {a, on_columns::linear(a, weights, w[1], false)};
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto a = on_columns::linear(v[0], v.weights, w[0], true);
+                    return {a, on_columns::linear(a, v.weights, w[1], false)};
                   });
   check_operation({"relu_sigmoid_and_layer", {{7, kSamples, true}}, w,
                    [](Tape& t, const Values& v) {
@@ -110,9 +104,9 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                      return Values{sigmoid(t, a), y};
                    },
                    100},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    const auto a = on_columns::linear(v[0], weights, w[0], true);
-                    return {on_columns::sigmoid(a), on_columns::linear(a, weights, w[1], false)};
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto a = on_columns::linear(v[0], v.weights, w[0], true);
+                    return {on_columns::sigmoid(a), on_columns::linear(a, v.weights, w[1], false)};
                   });
 }
 
@@ -125,9 +119,8 @@ TEST(Gradient, Mlp) {
                      w,
                      [&](Tape& t, const Values& v) { return Values{mlp(t, v[0], w)}; },
                      64.0 + 20 * static_cast<double>(widths.size())},
-                    [&]<class T>(const std::vector<Columns<T>>& v, const std::vector<T>& weights,
-                                 const Rays&) -> std::vector<Columns<T>> {
-                      return {on_columns::mlp(v[0], weights, w)};
+                    [&]<class T>(const Given<T>& v) -> Outputs<T> {
+                      return {on_columns::mlp(v[0], v.weights, w)};
                     },
                     {{0, 1, 17, 17, 20, 37, 37}});
   }
@@ -140,7 +133,7 @@ TEST(Gradient, Concat) {
                      {},
                      [](Tape& t, const Values& v) { return Values{concat(t, v[0], v[1])}; },
                      80},
-                    NERF_TEMPLATE(v, w, rays) { return {on_columns::concat(v[0], v[1])}; });
+                    []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::concat(v[0], v[1])}; });
   // Values that have other readers, and a value beside itself.
   check_operation({"concat_shared", {{3, kRays, true}, {5, kRays, true}}, {},
                    [](Tape& t, const Values& v) {
@@ -148,7 +141,7 @@ TEST(Gradient, Concat) {
                      return Values{a, b, concat(t, v[0], v[0]), v[1]};
                    },
                    80},
-                  NERF_TEMPLATE(v, w, rays) {
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
                     return {on_columns::concat(v[0], v[1]), on_columns::concat(v[1], v[0]),
                             on_columns::concat(v[0], v[0]), v[1]};
                   });
@@ -159,8 +152,7 @@ TEST(Gradient, Slice) {
     check_operation({"slice", {{6, kSamples, true}}, {},
                      [=](Tape& t, const Values& v) { return Values{slice(t, v[0], first, rows)}; },
                      80},
-                    [=]<class T>(const std::vector<Columns<T>>& v, const std::vector<T>&,
-                                 const Rays&) -> std::vector<Columns<T>> {
+                    [=]<class T>(const Given<T>& v) -> Outputs<T> {
                       return {on_columns::slice(v[0], first, rows)};
                     });
   // Overlapping slices, one of them beside another reader: whichever runs backwards first must not
@@ -171,7 +163,7 @@ TEST(Gradient, Slice) {
                      return Values{a, y, slice(t, v[0], 3, 3), slice(t, a, 1, 2)};
                    },
                    80},
-                  NERF_TEMPLATE(v, w, rays) {
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
                     const auto a = on_columns::slice(v[0], 0, 4);
                     return {a, on_columns::sigmoid(v[0]), on_columns::slice(v[0], 3, 3),
                             on_columns::slice(a, 1, 2)};
@@ -184,14 +176,14 @@ TEST(Gradient, TruncatedExp) {
       check_operation({"truncated_exp", {{2, domain, true, -range, range}}, {},
                        [](Tape& t, const Values& v) { return Values{truncated_exp(t, v[0])}; },
                        80},
-                      NERF_TEMPLATE(v, w, rays) { return {on_columns::truncated_exp(v[0])}; });
+                      []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::truncated_exp(v[0])}; });
 }
 
 TEST(Gradient, Sigmoid) {
-  check_operation({"sigmoid", {{3, kSamples, true, -9, 9}}, {},
+  check_operation({"sigmoid", {{3, kSamples, true, -6, 6}}, {},
                    [](Tape& t, const Values& v) { return Values{sigmoid(t, v[0])}; },
                    80},
-                  NERF_TEMPLATE(v, w, rays) { return {on_columns::sigmoid(v[0])}; });
+                  []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::sigmoid(v[0])}; });
 }
 
 // Two functions of one value, one after the other: the second to run backwards adds.
@@ -203,7 +195,7 @@ TEST(Gradient, ElementwiseWithSeveralReaders) {
                      return Values{c, d, a};
                    },
                    90},
-                  NERF_TEMPLATE(v, w, rays) {
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
                     const auto a = on_columns::truncated_exp(v[0]), b = on_columns::sigmoid(v[0]);
                     return {on_columns::sigmoid(a), on_columns::truncated_exp(b), a};
                   });
@@ -217,9 +209,9 @@ TEST(Gradient, ViewCode) {
                      return Values{code, linear(t, code, w[0], kPlain)};
                    },
                    100},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    const auto code = on_columns::view_code(v[0], rays);
-                    return {code, on_columns::linear(code, weights, w[0], false)};
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto code = on_columns::view_code(v[0], v.rays);
+                    return {code, on_columns::linear(code, v.weights, w[0], false)};
                   });
 }
 
@@ -236,8 +228,8 @@ TEST(Gradient, Composite) {
                        return Values{composite(t, v[0], v[1], v[2], v[3]).pixel};
                      },
                      300},
-                    NERF_TEMPLATE(v, w, rays) {
-                      return {on_columns::composite(v[0], v[1], v[2], v[3], rays).first};
+                    []<class T>(const Given<T>& v) -> Outputs<T> {
+                      return {on_columns::composite(v[0], v[1], v[2], v[3], v.rays).first};
                     });
 }
 
@@ -253,10 +245,10 @@ TEST(Gradient, CompositeBehindActivations) {
                      return Values{image.pixel};
                    },
                    300},
-                  NERF_TEMPLATE(v, w, rays) {
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
                     const auto density = on_columns::truncated_exp(v[0]);
                     const auto colour = on_columns::sigmoid(v[1]);
-                    return {on_columns::composite(density, colour, v[2], v[3], rays).first};
+                    return {on_columns::composite(density, colour, v[2], v[3], v.rays).first};
                   });
 }
 
@@ -270,8 +262,7 @@ TEST(Gradient, HuberLoss) {
                        return Values{};
                      },
                      40},
-                    [=]<class T>(const std::vector<Columns<T>>& v, const std::vector<T>&,
-                                 const Rays&) -> std::vector<Columns<T>> {
+                    [=]<class T>(const Given<T>& v) -> Outputs<T> {
                       return {on_columns::huber_loss(v[0], v[1], v[2],
                                                      static_cast<double>(static_cast<float>(delta)))};
                     });
@@ -288,8 +279,8 @@ TEST(Gradient, HuberLossBehindALayer) {
                      return Values{};
                    },
                    60},
-                  NERF_TEMPLATE(v, weights, rays) {
-                    const auto pixel = on_columns::linear(v[0], weights, w[0], false);
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto pixel = on_columns::linear(v[0], v.weights, w[0], false);
                     return {on_columns::huber_loss(pixel, v[1], v[2], 0.5)};
                   });
 }

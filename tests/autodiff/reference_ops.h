@@ -1,6 +1,7 @@
 // The reference templates as functions of whole values, column by column, for gradient_check.h.
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include "autodiff/gradient_check.h"
@@ -67,7 +68,13 @@ Columns<T> truncated_exp(const Columns<T>& x) {
 
 template <class T>
 Columns<T> sigmoid(const Columns<T>& x) {
-  return each_element(x, [](T v) { return reference::sigmoid(v); });
+  return each_element(x, [](T v) {
+    const T y = reference::sigmoid(v);
+    // The tape takes the slope from the rounded output, y (1 - y): next to 1 an error of y is one of
+    // the whole difference.
+    if constexpr (std::is_same_v<T, Magnitude>) return Magnitude(y.value, y.size, y.slope + v.slope * y.size);
+    return y;
+  });
 }
 
 // One code per ray, repeated for its samples.

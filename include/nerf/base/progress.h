@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdio>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -41,8 +42,10 @@ class Progress {
 
   // `fraction` done in [0, 1] (clamped; not a number counts as 0) and text of your own, without
   // line breaks: "step 1200, 25.1 dB". Draws only when it is time to. Time left is estimated from
-  // the speed since the start, once there is enough to go by.
-  void update(double fraction, const std::string& text = "");
+  // the speed since the start, once there is enough to go by, unless the caller knows better
+  // (`seconds_left`).
+  void update(double fraction, const std::string& text = "",
+              std::optional<double> seconds_left = std::nullopt);
 
   // Takes the bar off the terminal, so that something else can be printed; the next update draws it
   // again. Nothing where the output is no terminal.
@@ -64,6 +67,7 @@ class Progress {
   Write write_;
   double start_ = 0;
   double fraction_ = 0;
+  std::optional<double> seconds_left_;
   double last_drawn_ = -1e300;
   double last_fraction_ = 0;
   bool updated_ = false;  // something to draw

@@ -21,7 +21,7 @@ struct Ray {
 
 struct SamplerOptions {
   int max_samples = 32;           // per ray
-  int min_samples = 4;            // of a ray that meets any matter
+  int min_samples = 2;            // of a ray that meets any matter
   float samples_per_cell = 1.5f;  // of the effective number of cells that a ray's light comes from
   float uniform_share = 1.0f;     // drawn over all occupied cells, whatever the cache says
   float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
@@ -64,8 +64,9 @@ class RaySampler {
  private:
   struct Traversal;
   void march(const Ray& ray, float min_transmittance);
-  // Through the bricks of one cascade from t on, until the ray leaves it; returns where.
-  float march_cascade(Traversal& v, int cascade, float t);
+  // Through the bricks of one cascade from t on, until the ray leaves it; returns where, and changes
+  // `cascade` to the one it enters (cascades() behind the outermost).
+  float march_cascade(Traversal& v, int& cascade, float t);
   void march_brick(Traversal& v, int cascade, int64_t brick, uint64_t mask, const int at[3],
                    float t, float exit);
   int choose_count(bool follow_cache);

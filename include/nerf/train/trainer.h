@@ -22,10 +22,10 @@ namespace nerf {
 struct TrainOptions {
   uint64_t seed = 1;
   int64_t steps = 0;             // planned length: the rate falls over it
-  int batch_samples = 1 << 16;   // network samples of a step
+  int batch_samples = 1 << 15;   // network samples of a step
   double rate = 2e-2;            // of the tables
   double network_rate = 1;       // of the networks, as a share of `rate`
-  double final_rate = 0.1;       // of the last step, as a share of `rate`
+  double final_rate = 0.05;      // of the last step, as a share of `rate`
   int warmup_steps = 64;         // over which the rate rises
   double hold = 0.1;             // share of the steps before the rate begins to fall
   double huber_delta = 0.5;

@@ -1,0 +1,243 @@
+// nerf_train: from photographs to a radiance field.
+#include <fmt/format.h>
+
+#include <csignal>
+#include <sstream>
+
+#include "app.h"
+#include "nerf/base/file.h"
+#include "nerf/base/progress.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/model/options_json.h"
+#include "nerf/train/evaluation.h"
+#include "nerf/train/run.h"
+#include "options_cli.h"
+#include "run_folder.h"
+#include "train_options.h"
+
+namespace nerf::apps {
+namespace {
+
+void log_lines(const std::string& text) {
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) log_info(line);
+}
+
+void throw_if_stopped(const SignalCancel& stop) {
+  if (stop.cancel().requested()) throw Cancelled();
+}
+
+// The command of the run to go on with, or of a new one with everything decided.
+void complete(TrainCommand& command, const std::set<std::string>& given, const RunFolder& folder) {
+  std::error_code ignored;
+  if (command.resume && std::filesystem::exists(folder.options(), ignored)) {
+    TrainCommand saved;
+    options_from_json(saved, read_text_file(folder.options()), folder.options().string());
+    resume_options(command, given, saved, folder.path().string());
+  }
+  if (!command.minutes && command.train.steps == 0) command.minutes = kDefaultMinutes;
+}
+
+Scene read_scene(const TrainCommand& command, const SignalCancel& stop) {
+  Scene scene = load_scene(command.scene, command.scene_options(), [&](const std::string& line) {
+    throw_if_stopped(stop);
+    log_info(line);
+  });
+  throw_if_stopped(stop);
+  // The scene's estimate is that of the default options.
+  const uint64_t own = training_memory_bytes(command.train, command.threads);
+  const uint64_t usual = training_memory_bytes(TrainOptions(), command.threads);
+  if (own > usual) scene.report.memory_estimate_bytes += own - usual;
+  log_lines(format_report(scene.report));
+  const uint64_t needed = scene.report.memory_estimate_bytes;
+  const uint64_t limit = available_memory_bytes();
+  if (needed > limit)
+    throw Error(fmt::format("training needs about {} MB, but this process may use {} MB",
+                            needed >> 20, limit >> 20),
+                command.scene.string(),
+                fmt::format("use --downscale {}, a smaller --grid-log2-entries, or more memory",
+                            2 * command.downscale));
+  return scene;
+}
+
+PhotoSet decode(const Scene& scene, ThreadPool& pool, const SignalCancel& stop) {
+  Progress progress("decoding");
+  PhotoSet photos = load_photos(scene, pool, [&](int done, int total) {
+    throw_if_stopped(stop);
+    progress.update(static_cast<double>(done) / total, fmt::format("{}/{} photos", done, total));
+  });
+  progress.finish();
+  if (photos.fraction_masked > 0)
+    log_info(fmt::format("{:.1f} % of all pixels are masked out", 100 * photos.fraction_masked));
+  return photos;
+}
+
+// "219 k samples/s", "1.22 M samples/s".
+std::string rate_text(double x, const char* unit) {
+  return x < 1e6 ? fmt::format("{:.0f} k {}/s", x / 1e3, unit)
+                 : fmt::format("{:.2f} M {}/s", x / 1e6, unit);
+}
+
+// One training with its screen and its folder.
+class Training {
+ public:
+  Training(const TrainCommand& command, std::set<std::string> given, const RunFolder& folder,
+           const Scene& scene, const PhotoSet& photos, ThreadPool& pool, const SignalCancel& stop)
+      : command_(command),
+        given_(std::move(given)),
+        folder_(folder),
+        scene_(scene),
+        photos_(photos),
+        pool_(pool),
+        stop_(stop),
+        trainer_(scene, photos, command.train, pool) {}
+
+  int run() {
+    const bool resume = begin();
+    RunOptions options;
+    options.minutes = command_.minutes.value_or(0);
+    options.checkpoint_every = command_.checkpoint_every;
+    options.eval_every = command_.eval_every;
+    RunCallbacks callbacks;
+    callbacks.step = [&](const RunProgress& p) { on_step(p); };
+    callbacks.planned = [&](int64_t steps) { on_plan(steps); };
+    callbacks.went_back = [&](const std::string& reason, int64_t step) {
+      progress_.clear();
+      log_warning(fmt::format(
+          "{}; going back to step {} with other random numbers and half the rate", reason, step));
+    };
+    callbacks.evaluate = [&](bool last) { on_evaluation(last); };
+    callbacks.saved = [&] { trainer_.snapshot().save(folder_.model()); };
+    summary_.run =
+        run_training(trainer_, options, callbacks, folder_.checkpoint(), resume, &stop_.cancel());
+    progress_.finish();
+    return summary_.run.cancelled ? leave_stopped() : finish();
+  }
+
+ private:
+  bool begin() {
+    const bool resume = command_.resume && folder_.has_checkpoint();
+    if (command_.resume && !resume)
+      log_warning("no checkpoint was written before the run was stopped: it begins anew");
+    if (!resume) {
+      folder_.clear();
+      TrainCommand saved = command_;
+      saved.resume = saved.overwrite = false;
+      write_file_atomically(folder_.options(), options_to_json(saved));
+    }
+    return resume;
+  }
+
+  void on_step(const RunProgress& p) {
+    const int64_t step = p.report.step;
+    if (!metrics_) metrics_.emplace(folder_.metrics(), step - 1);
+    if (step % command_.report_every == 0 || step == p.planned_steps) metrics_->add_step(p);
+    last_ = p;
+    const std::string of = p.planned_steps ? fmt::format("/{}", p.planned_steps) : "";
+    progress_.update(
+        p.fraction,
+        fmt::format("step {}{}  {}samples/s  {}rays/s  {:.1f} dB", step, of,
+                    count_text(p.samples_per_second), count_text(p.rays_per_second), p.psnr),
+        p.seconds_left);
+  }
+
+  void on_plan(int64_t steps) {
+    progress_.clear();
+    log_info(fmt::format("the plan is {} steps; the same result again: {}", steps,
+                         equivalent_command(command_, given_, steps)));
+  }
+
+  void on_evaluation(bool last) {
+    if (last) progress_.finish();
+    if (scene_.test.empty()) return;
+    progress_.clear();
+    EvaluationOptions options;
+    options.max_views = last ? 0 : command_.eval_views;
+    options.pictures = folder_.pictures();
+    Progress progress("evaluating");
+    const Evaluation e = evaluate(
+        trainer_.snapshot(), scene_, photos_, options, pool_,
+        [&](double f) {
+          if (last) progress.update(f);
+        },
+        &stop_.cancel());
+    progress.clear();
+    if (last) summary_.evaluation = e;
+    const int64_t step = trainer_.steps_done();
+    if (!metrics_) metrics_.emplace(folder_.metrics(), step);  // resumed when all was done
+    metrics_->add_evaluation(step, last_.train_seconds, e);
+    if (!last)
+      log_info(fmt::format("step {}: PSNR {:.2f} dB, SSIM {:.4f} on {} held-out view{}", step,
+                           e.psnr, e.ssim, e.counted, e.counted == 1 ? "" : "s"));
+  }
+
+  int leave_stopped() {
+    const int64_t planned = trainer_.options().steps;
+    const std::string of = last_.planned_steps ? fmt::format(" of {}", planned) : std::string();
+    log_info(
+        fmt::format("stopped by {} at step {}{}; checkpoint and model are saved; to go on: "
+                    "nerf_train -o {} --resume",
+                    stop_.signal() == SIGINT ? "SIGINT" : "SIGTERM", summary_.run.steps, of,
+                    folder_.path().string()));
+    return stop_.exit_code();
+  }
+
+  int finish() {
+    const RunResult& run = summary_.run;
+    summary_.scene = command_.scene.string();
+    summary_.seed = command_.train.seed;
+    summary_.threads = pool_.size();
+    summary_.decode_seconds = photos_.decode_seconds;
+    write_result(folder_.result(), summary_);
+    log_info(fmt::format("training    {}, {} steps, {}samples/s",
+                         format_duration(run.train_seconds), run.steps,
+                         count_text(run.samples_per_second())));
+    log_info(fmt::format("besides     decoding {:.1f} s, evaluation {:.1f} s, saving {:.1f} s",
+                         photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
+    if (summary_.evaluation.counted > 0)
+      log_info(fmt::format("held out    PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views",
+                           summary_.evaluation.psnr, summary_.evaluation.ssim,
+                           summary_.evaluation.counted));
+    log_info(fmt::format("written to  {}", folder_.path().string()));
+    return kExitOk;
+  }
+
+  const TrainCommand& command_;
+  const std::set<std::string> given_;
+  const RunFolder& folder_;
+  const Scene& scene_;
+  const PhotoSet& photos_;
+  ThreadPool& pool_;
+  const SignalCancel& stop_;
+  Trainer trainer_;
+  Progress progress_{"training"};
+  std::optional<MetricsFile> metrics_;
+  RunProgress last_;
+  RunSummary summary_;
+};
+
+int train_main(int argc, char** argv) {
+  TrainCommand command;
+  const CommandLine line = parse_command_line(argc, argv, train_program_text(), command);
+  if (line.exit) return kExitOk;
+  const SignalCancel stop;
+  ThreadPool pool(command.threads);
+  log_machine("nerf_train", pool.size(), "f32");
+
+  if (command.out.empty()) command.out = default_run_folder(command.scene);
+  RunFolder folder(command.out, command.resume, command.overwrite);
+  complete(command, line.given, folder);
+  const Scene scene = read_scene(command, stop);
+  const PhotoSet photos = decode(scene, pool, stop);
+  folder.keep();
+  return Training(command, line.given, folder, scene, photos, pool, stop).run();
+}
+
+}  // namespace
+}  // namespace nerf::apps
+
+int main(int argc, char** argv) {
+  return nerf::apps::run_main("nerf_train", [&] { return nerf::apps::train_main(argc, argv); });
+}

@@ -1,0 +1,141 @@
+#include "run_folder.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "nerf/base/error.h"
+#include "nerf/base/file.h"
+#include "nerf/kernels/simd.h"
+
+namespace nerf::apps {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+std::string dump(const Json& json, int indent = -1) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace
+
+RunFolder::RunFolder(fs::path path, bool resume, bool overwrite) : path_(std::move(path)) {
+  std::error_code ignored;
+  const std::string shown = path_.string();
+  if (resume && !has_checkpoint() && !fs::exists(options(), ignored))
+    throw Error("there is no run to resume in this folder", shown,
+                "leave --resume out to begin one, or name the right folder with -o");
+  if (!resume && !overwrite && (has_checkpoint() || fs::exists(result(), ignored)))
+    throw Error("this folder holds a run", shown,
+                "--resume goes on with it, --overwrite begins anew, -o names another folder");
+  for (fs::path p = fs::absolute(path_).lexically_normal(); !p.empty() && !fs::exists(p, ignored);
+       p = p.parent_path())
+    if (p.has_filename()) created_.insert(created_.begin(), p);
+  make_writable_folder(path_);
+}
+
+RunFolder::~RunFolder() {
+  if (keep_) return;
+  std::error_code ignored;
+  for (auto p = created_.rbegin(); p != created_.rend(); ++p) fs::remove(*p, ignored);  // if empty
+}
+
+bool RunFolder::has_checkpoint() const {
+  std::error_code ignored;
+  return fs::exists(checkpoint(), ignored);
+}
+
+void RunFolder::clear() const {
+  std::error_code failed;
+  for (const fs::path& file : {checkpoint(), model(), result(), metrics(), options()}) {
+    fs::remove(file, failed);
+    if (failed) throw errno_error(failed.value(), "cannot remove", file);
+  }
+  fs::remove_all(pictures(), failed);
+  if (failed) throw errno_error(failed.value(), "cannot remove", pictures());
+}
+
+MetricsFile::MetricsFile(fs::path path, int64_t steps) : path_(std::move(path)) {
+  std::error_code ignored;
+  std::string kept;
+  if (steps > 0 && fs::exists(path_, ignored)) {
+    std::istringstream lines(read_text_file(path_));
+    for (std::string line; std::getline(lines, line);) {
+      const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+      if (json.is_object() && json.contains("step") && json["step"].is_number_integer() &&
+          json["step"].get<int64_t>() <= steps)
+        kept += line + "\n";
+    }
+  }
+  write_file_atomically(path_, kept);
+}
+
+void MetricsFile::append(const std::string& line) {
+  const int fd = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, 0666);
+  if (fd < 0) throw errno_error(errno, "cannot write", path_);
+  const off_t before = ::lseek(fd, 0, SEEK_END);
+  const ssize_t n = ::write(fd, line.data(), line.size());
+  const int code = n < 0 ? errno : ENOSPC;
+  const bool whole = n == static_cast<ssize_t>(line.size());
+  if (!whole && n > 0 && ::ftruncate(fd, before) != 0) { /* the next resume drops the half line */
+  }
+  ::close(fd);
+  if (!whole) throw errno_error(code, "cannot write", path_);
+}
+
+void MetricsFile::add_step(const RunProgress& p) {
+  append(dump(Json{{"kind", "step"},
+                   {"step", p.report.step},
+                   {"seconds", p.train_seconds},
+                   {"loss", p.report.loss},
+                   {"psnr", p.psnr},
+                   {"rate", p.report.rate},
+                   {"opacity", p.report.opacity},
+                   {"rays", p.report.rays},
+                   {"samples", p.report.samples},
+                   {"samples_per_second", p.samples_per_second}}));
+}
+
+void MetricsFile::add_evaluation(int64_t step, double train_seconds, const Evaluation& e) {
+  append(dump(Json{{"kind", "evaluation"},
+                   {"step", step},
+                   {"seconds", train_seconds},
+                   {"psnr", e.psnr},
+                   {"ssim", e.ssim},
+                   {"views", e.counted},
+                   {"evaluation_seconds", e.seconds}}));
+}
+
+void write_result(const fs::path& path, const RunSummary& s) {
+  const bool measured = s.evaluation.counted > 0;
+  Json views = Json::array();
+  for (const ViewScore& v : s.evaluation.views)
+    views.push_back({{"name", v.name},
+                     {"psnr", v.masked ? Json() : Json(v.psnr)},
+                     {"ssim", v.masked ? Json() : Json(v.ssim)}});
+  write_file_atomically(path, dump(Json{{"scene", s.scene},
+                                        {"psnr", measured ? Json(s.evaluation.psnr) : Json()},
+                                        {"ssim", measured ? Json(s.evaluation.ssim) : Json()},
+                                        {"seconds", s.run.train_seconds},
+                                        {"steps", s.run.steps},
+                                        {"samples", s.run.samples},
+                                        {"samples_per_second", s.run.samples_per_second()},
+                                        {"rays", s.run.rays},
+                                        {"peak_memory_bytes", peak_memory_bytes()},
+                                        {"decode_seconds", s.decode_seconds},
+                                        {"evaluation_seconds", s.run.evaluation_seconds},
+                                        {"saving_seconds", s.run.saving_seconds},
+                                        {"failures", s.run.failures},
+                                        {"seed", s.seed},
+                                        {"threads", s.threads},
+                                        {"simd", simd_target()},
+                                        {"views", views}},
+                                   2));
+}
+
+}  // namespace nerf::apps

@@ -1,0 +1,69 @@
+// What nerf_train writes, and where.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "nerf/train/evaluation.h"
+#include "nerf/train/run.h"
+
+namespace nerf::apps {
+
+// The folder of a run. Created by the constructor where it is missing; one that was created for
+// nothing is removed again by the destructor, unless keep() was called.
+class RunFolder {
+ public:
+  // Throws Error where it cannot be written into, and where it holds a run that neither `resume`
+  // nor `overwrite` allows to touch, or nothing to resume.
+  RunFolder(std::filesystem::path path, bool resume, bool overwrite);
+  ~RunFolder();
+  RunFolder(const RunFolder&) = delete;
+  RunFolder& operator=(const RunFolder&) = delete;
+  void keep() { keep_ = true; }
+
+  const std::filesystem::path& path() const { return path_; }
+  std::filesystem::path options() const { return path_ / "options.json"; }
+  std::filesystem::path metrics() const { return path_ / "metrics.jsonl"; }
+  std::filesystem::path result() const { return path_ / "result.json"; }
+  std::filesystem::path model() const { return path_ / "model.nerf"; }
+  std::filesystem::path checkpoint() const { return path_ / "checkpoint.nerf"; }
+  std::filesystem::path pictures() const { return path_ / "eval"; }
+
+  bool has_checkpoint() const;
+  // Removes what an earlier run left, and nothing else.
+  void clear() const;
+
+ private:
+  std::filesystem::path path_;
+  std::vector<std::filesystem::path> created_;  // outermost first
+  bool keep_ = false;
+};
+
+// metrics.jsonl: a line per reported step and per evaluation, each whole or not there.
+class MetricsFile {
+ public:
+  // Goes on behind the lines of steps up to `steps`; later ones, of a run that was killed after its
+  // last checkpoint, are dropped.
+  MetricsFile(std::filesystem::path path, int64_t steps);
+  void add_step(const RunProgress& progress);
+  void add_evaluation(int64_t step, double train_seconds, const Evaluation& evaluation);
+
+ private:
+  void append(const std::string& line);
+  std::filesystem::path path_;
+};
+
+struct RunSummary {
+  std::string scene;
+  uint64_t seed = 0;
+  int threads = 0;
+  double decode_seconds = 0;
+  RunResult run;
+  Evaluation evaluation;
+};
+
+void write_result(const std::filesystem::path& path, const RunSummary& summary);
+
+}  // namespace nerf::apps

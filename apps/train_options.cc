@@ -1,0 +1,115 @@
+#include "train_options.h"
+
+#include <algorithm>
+#include <array>
+
+namespace nerf::apps {
+namespace {
+
+namespace fs = std::filesystem;
+
+// May differ between the parts of a run.
+constexpr std::array kFree = {"scene",       "out",        "threads",    "resume",
+                              "overwrite",   "eval_every", "eval_views", "checkpoint_every",
+                              "report_every"};
+
+bool is_free(const OptionField& field) {
+  return std::find(kFree.begin(), kFree.end(), field.name) != kFree.end();
+}
+
+// As a shell reads it.
+std::string quoted(const std::string& text) {
+  const auto plain = [](unsigned char c) {
+    return std::isalnum(c) ||
+           std::string_view("-_./,=:+@%").find(static_cast<char>(c)) != std::string_view::npos;
+  };
+  if (!text.empty() && std::all_of(text.begin(), text.end(), plain)) return text;
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return out + "'";
+}
+
+}  // namespace
+
+void TrainCommand::check_options() const {
+  if (scene.empty() && !resume)
+    throw Error("SCENE is missing", "", "give the folder of a capture; --help says more");
+  if (scene.empty() && out.empty())
+    throw Error("--resume needs to know which run", "", "give SCENE or -o RUN");
+  if (minutes && train.steps > 0 && !resume)
+    throw Error("--minutes and --steps exclude each other", "", "leave one of them out");
+  if (resume && overwrite)
+    throw Error("--resume and --overwrite exclude each other", "", "leave one of them out");
+}
+
+SceneOptions TrainCommand::scene_options() const {
+  SceneOptions o;
+  o.format = format;
+  o.split = holdout == Holdout::kNone    ? Split::kNone
+            : split == SplitChoice::kDev ? Split::kDev
+                                         : Split::kTest;
+  o.downscale = downscale;
+  o.bbox = bbox;
+  o.up = up;
+  o.camera_model = camera_model;
+  o.work_folder = out / "capture";
+  return o;
+}
+
+ProgramText train_program_text() {
+  return {
+      "nerf_train", "Trains a radiance field from photographs.",
+      "A capture is a folder with Blender's transforms_train.json, with COLMAP's images and\n"
+      "sparse, with a transforms.json, a folder of photos (camera poses are found by colmap), or\n"
+      "a video. Masks lie in masks/ under the photo's name, or the name + .png: values of 128\n"
+      "and more keep a pixel, the others count neither in training nor in metrics. Pixels are\n"
+      "taken as stored; EXIF orientation is not applied.\n\n"
+      "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"
+      "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume) and eval/ with\n"
+      "photo, rendering and depth side by side. The clock is that of training steps.\n"
+      "Ctrl-C saves and leaves with 130; mistakes leave with 2.\n\n"
+      "  nerf_train photos/garden -o runs/garden --minutes 15\n"
+      "  nerf_train -o runs/garden --resume"};
+}
+
+void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
+                    const std::string& where) {
+  if (command.scene.empty()) command.scene = saved.scene;
+  const auto fields = option_fields(command), were = option_fields(saved);
+  for (size_t i = 0; i < fields.size(); ++i) {
+    if (is_free(fields[i])) continue;
+    const std::string is = option_text(fields[i]), was = option_text(were[i]);
+    if (given.contains(fields[i].name) && is != was)
+      throw Error("the run was begun with " + option_flag(fields[i]) + " " + was + ", not " + is,
+                  where, "leave it out with --resume, or begin another run with -o");
+    fields[i].set(were[i].get());
+  }
+}
+
+std::string equivalent_command(const TrainCommand& command, const std::set<std::string>& given,
+                               int64_t steps) {
+  TrainCommand copy = command;
+  std::string line = "nerf_train " + quoted(copy.scene.string());
+  for (const OptionField& field : option_fields(copy)) {
+    if (is_free(field) || field.name == "minutes" || field.name == "steps" ||
+        !given.contains(field.name))
+      continue;
+    if (field.type == OptionType::kBool) {
+      line += std::get<bool>(field.get().value()) ? " " + option_flag(field)
+                                                  : " --no-" + option_flag(field).substr(2);
+    } else {
+      line += " " + option_flag(field) + " " + quoted(option_text(field));
+    }
+  }
+  return line + " --steps " + std::to_string(steps);
+}
+
+fs::path default_run_folder(const fs::path& scene) {
+  std::error_code ignored;
+  const fs::path whole = fs::weakly_canonical(scene, ignored);
+  const fs::path path = whole.empty() ? scene.lexically_normal() : whole;
+  const fs::path name = fs::is_directory(path, ignored) ? path.filename() : path.stem();
+  return fs::path("runs") / (name.empty() || name == "/" ? fs::path("scene") : name);
+}
+
+}  // namespace nerf::apps

@@ -1,0 +1,114 @@
+// Command line of nerf_train.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <set>
+#include <string>
+
+#include "nerf/base/options.h"
+#include "nerf/io/scene.h"
+#include "nerf/math/option_types.h"
+#include "nerf/train/trainer.h"
+#include "options_cli.h"
+
+namespace nerf {
+
+inline auto option_names(SceneFormat) {
+  return std::array{OptionName{SceneFormat::kAuto, "auto"},
+                    OptionName{SceneFormat::kBlender, "blender"},
+                    OptionName{SceneFormat::kColmap, "colmap"},
+                    OptionName{SceneFormat::kTransforms, "transforms"},
+                    OptionName{SceneFormat::kPhotos, "photos"},
+                    OptionName{SceneFormat::kVideo, "video"}};
+}
+
+namespace apps {
+
+enum class Holdout { kSplit, kNone };
+inline auto option_names(Holdout) {
+  return std::array{OptionName{Holdout::kSplit, "split"}, OptionName{Holdout::kNone, "none"}};
+}
+enum class SplitChoice { kTest, kDev };
+inline auto option_names(SplitChoice) {
+  return std::array{OptionName{SplitChoice::kTest, "test"}, OptionName{SplitChoice::kDev, "dev"}};
+}
+
+inline constexpr double kDefaultMinutes = 5;
+
+struct TrainCommand {
+  std::filesystem::path scene;
+  std::filesystem::path out;
+  std::optional<double> minutes;
+  SceneFormat format = SceneFormat::kAuto;
+  SplitChoice split = SplitChoice::kTest;
+  Holdout holdout = Holdout::kSplit;
+  int downscale = 1;
+  std::optional<Box3> bbox;
+  std::optional<Vec3d> up;
+  std::string camera_model = "SIMPLE_RADIAL";
+  int threads = 0;
+  bool resume = false;
+  bool overwrite = false;
+  double eval_every = 2;
+  int eval_views = 4;
+  double checkpoint_every = 2;
+  int report_every = 50;
+  TrainOptions train;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("scene", scene, "capture: its folder, a transforms .json, or a video", positional(),
+      placeholder("SCENE"));
+    v("out", out,
+      "folder for everything that the run writes; without it runs/ and the scene's name",
+      short_name('o'), placeholder("RUN"));
+    v("minutes", minutes,
+      "length of the training, minutes of its steps; without it and without --steps 5", above(0),
+      at_most(100000));
+    v("threads", threads, "threads; 0 takes all processors; the result is the same for any number",
+      at_least(0), at_most(1024));
+    v("resume", resume, "goes on with the run in RUN, bit for bit");
+    v("overwrite", overwrite, "begins anew although RUN holds a run");
+    v("format", format, "kind of the capture");
+    v("split", split,
+      "test: photos 0, 8, 16, ... (or the test file) are held out; dev: those are left out "
+      "altogether and every 8th of the others is held out, for tuning");
+    v("holdout", holdout, "none trains on every photo and measures nothing");
+    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
+    v("bbox", bbox, "box to reconstruct, input coordinates");
+    v("up", up, "direction that points up, input coordinates");
+    v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
+    v("eval_every", eval_every,
+      "minutes of training between evaluations on held-out views; 0: only at the end", at_least(0));
+    v("eval_views", eval_views,
+      "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0));
+    v("checkpoint_every", checkpoint_every,
+      "minutes of training between checkpoints; 0: only at the end", at_least(0));
+    v("report_every", report_every, "steps between lines of metrics.jsonl", at_least(1));
+    train.visit_options(v);
+  }
+  // Throws Error for combinations that cannot be.
+  void check_options() const;
+
+  SceneOptions scene_options() const;
+};
+
+ProgramText train_program_text();
+
+// Takes from `saved`, the options that the run was begun with, what the command line does not give.
+// Throws Error naming an option that was given otherwise than then; options that change nothing of
+// the result (threads, intervals) may differ. `where` is the run's folder.
+void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
+                    const std::string& where);
+
+// The command that repeats a run of `steps` steps exactly: `given` as it was, --steps for
+// --minutes.
+std::string equivalent_command(const TrainCommand& command, const std::set<std::string>& given,
+                               int64_t steps);
+
+// runs/<name of the scene>.
+std::filesystem::path default_run_folder(const std::filesystem::path& scene);
+
+}  // namespace apps
+}  // namespace nerf

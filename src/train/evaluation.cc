@@ -1,0 +1,150 @@
+#include "nerf/train/evaluation.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <set>
+
+#include "nerf/base/error.h"
+#include "nerf/base/file.h"
+#include "nerf/io/depth_image.h"
+
+namespace nerf {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kMostPsnr = 100;
+constexpr int kGap = 4;  // pixels between the parts of a picture
+
+// Some of the views, spread evenly.
+std::vector<int> chosen(const std::vector<int>& views, int most) {
+  const size_t n = views.size();
+  const size_t take = most > 0 ? std::min(n, static_cast<size_t>(most)) : n;
+  std::vector<int> out;
+  for (size_t i = 0; i < take; ++i) out.push_back(views[(2 * i + 1) * n / (2 * take)]);
+  return out;
+}
+
+// One file per view in one folder: "images/a 1.jpg" gives "images_a 1.png".
+fs::path picture_file(const std::string& view, std::set<std::string>& used) {
+  std::string stem = fs::path(view).replace_extension().string();
+  std::replace(stem.begin(), stem.end(), '/', '_');
+  std::string name = stem;
+  for (int i = 2; name.empty() || !used.insert(name).second; ++i)
+    name = stem + "_" + std::to_string(i);
+  return name + ".png";
+}
+
+Image8 to_picture(const Frame& frame) {
+  return to_8bit(ImageF{frame.width, frame.height, 3, frame.rgb});
+}
+
+void paste(const Image8& from, int x0, Image8& to) {
+  const size_t row = static_cast<size_t>(from.width) * 3;
+  for (int y = 0; y < from.height; ++y)
+    std::copy_n(from.pixels.begin() + static_cast<ptrdiff_t>(static_cast<size_t>(y) * row), row,
+                to.pixels.begin() + (static_cast<ptrdiff_t>(y) * to.width + x0) * 3);
+}
+
+double psnr(const Image8& a, const Image8& b, const std::vector<uint8_t>& mask) {
+  double sum = 0, n = 0;
+  for (size_t i = 0; i < a.pixels.size(); ++i) {
+    if (!mask.empty() && mask[i / 3] == 0) continue;
+    const double e = (a.pixels[i] - b.pixels[i]) / 255.0;
+    sum += e * e;
+    n += 1;
+  }
+  return -10 * std::log10(std::max(sum / n, 1e-12));
+}
+double ssim(const Image8&, const Image8&, const std::vector<uint8_t>&) { return 0; }
+
+ViewScore score(const std::string& name, const Image8& photo, const Image8& rendering,
+                const std::vector<uint8_t>& mask) {
+  ViewScore result;
+  result.name = name;
+  result.masked =
+      !mask.empty() && std::all_of(mask.begin(), mask.end(), [](uint8_t m) { return m == 0; });
+  if (result.masked) return result;
+  result.psnr = std::min(kMostPsnr, psnr(photo, rendering, mask));
+  result.ssim = ssim(photo, rendering, mask);
+  return result;
+}
+
+}  // namespace
+
+Vec3 evaluation_background(bool alpha) {
+  return alpha ? Vec3{1, 1, 1} : Vec3{0.5f, 0.5f, 0.5f};
+}
+
+Image8 photo_over(const Photo& photo, const Vec3& background) {
+  ImageF image{photo.width, photo.height, 3, {}};
+  image.pixels.resize(3 * static_cast<size_t>(photo.width) * static_cast<size_t>(photo.height));
+  for (int y = 0; y < photo.height; ++y)
+    for (int x = 0; x < photo.width; ++x) {
+      float rgba[4];
+      photo.pixel(x, y, rgba);
+      for (int k = 0; k < 3; ++k)
+        image.at(x, y)[k] = rgba[k] * rgba[3] + background[k] * (1 - rgba[3]);
+    }
+  return to_8bit(image);
+}
+
+Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const Image8& rendering,
+                    const Frame& frame) {
+  NERF_CHECK(photo.width == rendering.width && photo.height == rendering.height);
+  Image8 shown = photo;
+  for (size_t i = 0; i < mask.size(); ++i)
+    if (mask[i] == 0)
+      for (size_t k = 0; k < 3; ++k) shown.pixels[3 * i + k] /= 4;
+  const Image8 depth = depth_image(frame.width, frame.height, frame.depth_z, frame.alpha,
+                                   depth_range(frame.depth_z, frame.alpha));
+  Image8 out{3 * photo.width + 2 * kGap, photo.height, 3, {}};
+  out.pixels.assign(3 * static_cast<size_t>(out.width) * static_cast<size_t>(out.height), 255);
+  paste(shown, 0, out);
+  paste(rendering, photo.width + kGap, out);
+  paste(depth, 2 * (photo.width + kGap), out);
+  return out;
+}
+
+Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoSet& photos,
+                    const EvaluationOptions& options, ThreadPool& pool,
+                    const std::function<void(double)>& progress, const Cancel* cancel) {
+  const auto begin = std::chrono::steady_clock::now();
+  const std::vector<int> views = chosen(scene.test, options.max_views);
+  if (!options.pictures.empty()) make_writable_folder(options.pictures);
+  RenderOptions render_options;
+  render_options.background = evaluation_background(scene.alpha);
+  Evaluation result;
+  std::set<std::string> used;
+  for (size_t i = 0; i < views.size(); ++i) {
+    const size_t v = static_cast<size_t>(views[i]);
+    const Photo& photo = photos.photos[v];
+    const auto at = [&](double f) {
+      if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
+    };
+    const Frame frame = render(field, photos.cameras[v], scene.views[v].pose, render_options, pool,
+                               at, cancel);
+    const Image8 truth = photo_over(photo, render_options.background);
+    const Image8 rendering = to_picture(frame);
+    result.views.push_back(score(scene.views[v].name, truth, rendering, photo.mask));
+    if (!options.pictures.empty())
+      write_image(options.pictures / picture_file(scene.views[v].name, used),
+                  side_by_side(truth, photo.mask, rendering, frame));
+  }
+  for (const ViewScore& s : result.views) {
+    if (s.masked) continue;
+    result.psnr += s.psnr;
+    result.ssim += s.ssim;
+    ++result.counted;
+  }
+  if (result.counted > 0) {
+    result.psnr /= result.counted;
+    result.ssim /= result.counted;
+  }
+  result.seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return result;
+}
+
+}  // namespace nerf

@@ -1,0 +1,243 @@
+#include "nerf/parts/occupancy.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <stdexcept>
+#include <vector>
+
+#include "nerf/math/random.h"
+#include "parts/occupancy_pattern.h"
+
+namespace nerf {
+namespace {
+
+constexpr int kSide = OccupancyGrid::kSide;
+constexpr int64_t kCells = OccupancyGrid::kCells;
+
+TEST(Occupancy, CellAndCornerAreInverse) {
+  for (int c = 0; c < 4; ++c) {
+    const float w = OccupancyGrid::cell_width(c);
+    EXPECT_EQ(w, std::ldexp(1.0f, c) / 64);
+    for (int64_t cell = 0; cell < kCells; ++cell) {
+      const Vec3 corner = OccupancyGrid::cell_corner(cell, c);
+      ASSERT_EQ(OccupancyGrid::cell_of(corner, c), cell);
+      const float in = 0.999f * w;
+      ASSERT_EQ(OccupancyGrid::cell_of(corner + Vec3{in, in, in}, c), cell);
+    }
+  }
+}
+
+TEST(Occupancy, CellsAreStoredBrickByBrick) {
+  for (int64_t brick : {0, 1, 31, 32, 1024, 32767}) {
+    const CellPlace first = place_of(brick * 64, 0);
+    EXPECT_EQ(first.x % 4 + first.y % 4 + first.z % 4, 0);
+    std::set<std::array<int, 3>> seen;
+    for (int64_t i = 0; i < 64; ++i) {
+      const CellPlace p = place_of(brick * 64 + i, 0);
+      EXPECT_EQ(p.x / 4, first.x / 4);
+      EXPECT_EQ(p.y / 4, first.y / 4);
+      EXPECT_EQ(p.z / 4, first.z / 4);
+      seen.insert({p.x, p.y, p.z});
+    }
+    EXPECT_EQ(seen.size(), 64u);
+  }
+}
+
+TEST(Occupancy, PointsBeyondTheCascadeFallIntoItsOutermostCells) {
+  const CellPlace p = place_of(OccupancyGrid::cell_of({1.0f, -1.001f, 5.0f}, 0), 0);
+  EXPECT_EQ(p.x, kSide - 1);
+  EXPECT_EQ(p.y, 0);
+  EXPECT_EQ(p.z, kSide - 1);
+}
+
+TEST(Occupancy, CascadeOfAPoint) {
+  const OccupancyGrid grid(3);
+  const float below = std::nextafter(1.0f, 0.0f);
+  EXPECT_EQ(grid.cascade_of({0, 0, 0}), 0);
+  EXPECT_EQ(grid.cascade_of({below, -below, 0}), 0);
+  EXPECT_EQ(grid.cascade_of({0, 1, 0}), 1);
+  EXPECT_EQ(grid.cascade_of({0, -1, 0}), 0) << "lower borders belong to it, as in cells";
+  EXPECT_EQ(grid.cascade_of({std::nextafter(-1.0f, -2.0f), 0, 0}), 1);
+  EXPECT_EQ(grid.cascade_of({0, 0, -2 * below}), 1);
+  EXPECT_EQ(grid.cascade_of({2.5f, 0, 0}), 2);
+  EXPECT_EQ(grid.cascade_of({0, 4, 0}), 3) << "none: as many as there are";
+  EXPECT_EQ(grid.cascade_of({1e30f, 0, 0}), 3);
+  for (int i = 0; i < 3; ++i) {
+    Vec3 p{0, 0, 0};
+    p[i] = std::nanf("");
+    EXPECT_EQ(grid.cascade_of(p), 3);
+  }
+}
+
+TEST(Occupancy, ObserveMovesTowardsWhatIsSeenFasterUpwards) {
+  OccupancyGrid grid;
+  const int64_t cell = 12345;
+  const float start = grid.opacity(0, cell);
+  EXPECT_GT(start, 0) << "unknown cells count as occupied";
+  grid.observe(0, cell, 0.8f);
+  const float up = grid.opacity(0, cell);
+  EXPECT_GT(up, start);
+  EXPECT_LT(up, 0.8f);
+  grid.observe(0, cell, 0.0f);
+  const float down = grid.opacity(0, cell);
+  EXPECT_LT(down, up);
+  EXPECT_GT(down, 0);
+  EXPECT_GT((up - start) / (0.8f - start), (up - down) / up) << "slower downwards";
+  grid.observe(0, cell, down);
+  EXPECT_FLOAT_EQ(grid.opacity(0, cell), down) << "seeing what is known changes nothing";
+  for (int i = 0; i < 200; ++i) grid.observe(0, cell, 0.37f);
+  EXPECT_NEAR(grid.opacity(0, cell), 0.37f, 1e-5);
+  EXPECT_EQ(grid.opacity(0, cell + 1), start) << "no other cell moves";
+
+  for (float bad : {std::nanf(""), -0.5f, -std::numeric_limits<float>::infinity()}) {
+    grid.observe(0, cell, bad);
+    EXPECT_NEAR(grid.opacity(0, cell), 0.37f, 1e-5);
+  }
+}
+
+TEST(Occupancy, OffStaysOff) {
+  OccupancyGrid grid(2);
+  grid.switch_off(1, 77);
+  EXPECT_TRUE(grid.is_off(1, 77));
+  EXPECT_FALSE(grid.is_off(0, 77));
+  grid.observe(1, 77, 1.0f);
+  EXPECT_TRUE(grid.is_off(1, 77));
+  grid.rebuild(0);
+  EXPECT_EQ(grid.levels()[static_cast<size_t>(kCells + 77)], 0);
+  EXPECT_GT(grid.levels()[77], 0);
+}
+
+// Masks, thickness, fraction and box are those of the levels.
+void expect_consistent(const OccupancyGrid& grid) {
+  int64_t occupied = 0;
+  Box3 box;
+  for (int c = 0; c < grid.cascades(); ++c)
+    for (int64_t brick = 0; brick < kCells / 64; ++brick) {
+      const uint64_t mask = grid.brick_mask(c, brick);
+      for (int64_t i = 0; i < 64; ++i) {
+        const uint8_t level = grid.levels()[static_cast<size_t>(c * kCells + brick * 64 + i)];
+        ASSERT_EQ(mask >> i & 1, level != 0) << "cascade " << c << " brick " << brick;
+        const float thickness = grid.thickness(c, brick * 64 + i);
+        ASSERT_EQ(thickness > 0, level != 0);
+        occupied += level != 0;
+      }
+      if (mask == 0) continue;
+      const Vec3 corner = OccupancyGrid::cell_corner(brick * 64, c);
+      const float w = 4 * OccupancyGrid::cell_width(c);
+      box.extend(corner.cast<double>());
+      box.extend((corner + Vec3{w, w, w}).cast<double>());
+    }
+  EXPECT_DOUBLE_EQ(grid.occupied_fraction(),
+                   static_cast<double>(occupied) / static_cast<double>(grid.levels().size()));
+  EXPECT_EQ(grid.occupied_box().min, box.min);
+  EXPECT_EQ(grid.occupied_box().max, box.max);
+  EXPECT_EQ(grid.occupied_box().empty(), occupied == 0);
+}
+
+TEST(Occupancy, NewGridIsOccupiedEverywhere) {
+  const OccupancyGrid grid(2);
+  EXPECT_EQ(grid.occupied_fraction(), 1.0);
+  expect_consistent(grid);
+}
+
+// Thickness is -log(1 - opacity) of the quantised opacity (level / 255)^2.
+TEST(Occupancy, LevelsQuantiseOpacity) {
+  OccupancyGrid grid;
+  std::vector<float> opacities;
+  for (int i = 0; i <= 200; ++i) opacities.push_back(std::pow(static_cast<float>(i) / 200, 2.0f));
+  for (size_t i = 0; i < grid.training_state().size(); ++i)
+    grid.training_state()[i] = opacities[i % opacities.size()];
+  grid.rebuild(1e-9f);
+  float before = 0;
+  for (size_t i = 1; i < opacities.size(); ++i) {
+    const double level = grid.levels()[i];
+    EXPECT_LE(std::fabs(level - 255 * std::sqrt(static_cast<double>(opacities[i]))), 0.501) << i;
+    const double opacity = std::min(level * level / (255.0 * 255.0), 0.9999);
+    const float thickness = grid.thickness(0, static_cast<int64_t>(i));
+    EXPECT_NEAR(thickness, -std::log1p(-opacity), 1e-3 * thickness) << i;
+    EXPECT_GE(thickness, before);
+    EXPECT_TRUE(std::isfinite(thickness));
+    before = thickness;
+  }
+}
+
+// Occupied is what reaches min(threshold, mean of the cells that are on), and whatever shares a face
+// with a cell that is itself solid; brute force over all cells by their integer places.
+TEST(Occupancy, RebuildAgainstBruteForce) {
+  constexpr float kSolid = 0.1f;
+  for (float threshold : {0.01f, 0.9f}) {  // the second above the mean
+    OccupancyGrid grid(2);
+    Random random(8, static_cast<uint64_t>(1000 * threshold), 0);
+    for (float& a : grid.training_state()) {
+      const float kind = random.uniform();
+      a = kind < 0.1f ? -1.0f : kind < 0.12f ? random.uniform() : 0.03f * random.uniform();
+    }
+    grid.rebuild(threshold);
+    double sum = 0;
+    int64_t on = 0;
+    for (float a : grid.training_state())
+      if (a >= 0) sum += a, ++on;
+    const float limit = std::min(threshold, static_cast<float>(sum / static_cast<double>(on)));
+    int64_t kept = 0;
+    for (int c = 0; c < 2; ++c) {
+      std::vector<float> by_place(static_cast<size_t>(kCells));
+      const auto at = [&](int x, int y, int z) -> float {
+        if (std::min({x, y, z}) < 0 || std::max({x, y, z}) >= kSide) return 0;
+        return by_place[static_cast<size_t>((z * kSide + y) * kSide + x)];
+      };
+      for (int64_t cell = 0; cell < kCells; ++cell) {
+        const CellPlace p = place_of(cell, c);
+        by_place[static_cast<size_t>((p.z * kSide + p.y) * kSide + p.x)] = grid.opacity(c, cell);
+      }
+      for (int64_t cell = 0; cell < kCells; ++cell) {
+        const CellPlace p = place_of(cell, c);
+        const float a = grid.opacity(c, cell);
+        const bool beside_solid = a >= kSolid || at(p.x - 1, p.y, p.z) >= kSolid ||
+                                  at(p.x + 1, p.y, p.z) >= kSolid || at(p.x, p.y - 1, p.z) >= kSolid ||
+                                  at(p.x, p.y + 1, p.z) >= kSolid || at(p.x, p.y, p.z - 1) >= kSolid ||
+                                  at(p.x, p.y, p.z + 1) >= kSolid;
+        const bool want = a >= 0 && (a >= limit || beside_solid);
+        ASSERT_EQ(grid.levels()[static_cast<size_t>(c * kCells + cell)] != 0, want)
+            << "cascade " << c << " cell " << p.x << ' ' << p.y << ' ' << p.z << " opacity " << a;
+        kept += want && a < limit;
+      }
+    }
+    EXPECT_GT(kept, 0) << "some cells are occupied for their neighbour's sake";
+    expect_consistent(grid);
+  }
+}
+
+TEST(Occupancy, AllOffIsAllEmpty) {
+  OccupancyGrid grid;
+  for (int64_t i = 0; i < kCells; ++i) grid.switch_off(0, i);
+  grid.rebuild(0.01f);
+  EXPECT_EQ(grid.occupied_fraction(), 0.0);
+  expect_consistent(grid);
+}
+
+TEST(Occupancy, LevelsAndStateRoundTrip) {
+  OccupancyGrid grid(2);
+  Random random(9, 0, 0);
+  for (float& a : grid.training_state()) a = random.uniform() < 0.7f ? -1.0f : random.uniform();
+  grid.rebuild(0.01f);
+  OccupancyGrid from_levels(2), from_state(2);
+  from_levels.set_levels(grid.levels());
+  std::copy(grid.training_state().begin(), grid.training_state().end(),
+            from_state.training_state().begin());
+  from_state.rebuild(0.01f);
+  for (const OccupancyGrid* other : {&from_levels, &from_state}) {
+    EXPECT_TRUE(std::equal(grid.levels().begin(), grid.levels().end(), other->levels().begin()));
+    EXPECT_EQ(other->occupied_fraction(), grid.occupied_fraction());
+    EXPECT_EQ(other->brick_mask(1, 4711), grid.brick_mask(1, 4711));
+    expect_consistent(*other);
+  }
+  EXPECT_THROW(from_levels.set_levels(grid.levels().first(100)), std::logic_error);
+}
+
+}  // namespace
+}  // namespace nerf

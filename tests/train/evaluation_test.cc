@@ -1,0 +1,172 @@
+#include "nerf/train/evaluation.h"
+
+#include "nerf/train/run.h"
+#include "support/synthetic_scene.h"
+#include "support/temp_folder.h"
+#include "train/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::sphere_capture;
+using test::tiny_options;
+
+struct Trained {
+  test::SyntheticCapture capture = sphere_capture(24, 48);
+  ThreadPool pool{2};
+  Trainer trainer{capture.scene, capture.photos, options(), pool};
+  RadianceField field;
+
+  static TrainOptions options() {
+    TrainOptions o = tiny_options(120);
+    o.batch_samples = 9600;
+    return o;
+  }
+  Trained() : field((run_training(trainer, RunOptions(), {}), trainer.snapshot())) {}
+};
+
+// One for all tests: it is trained only once.
+class EvaluationTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { trained = new Trained; }
+  static void TearDownTestSuite() { delete trained; }
+  static inline Trained* trained = nullptr;
+
+  static Evaluation evaluation(const EvaluationOptions& options = {}) {
+    return evaluate(trained->field, trained->capture.scene, trained->capture.photos, options,
+                    trained->pool);
+  }
+};
+
+TEST_F(EvaluationTest, SeesThatTheSceneWasLearnt) {
+  const Evaluation e = evaluation();
+  ASSERT_EQ(e.views.size(), 6u);
+  EXPECT_EQ(e.counted, 6);
+  EXPECT_EQ(e.views[1].name, "r_104");
+  double psnr = 0, ssim = 0;
+  for (const ViewScore& v : e.views) {
+    EXPECT_GT(v.psnr, 20) << v.name;
+    psnr += v.psnr / 6;
+    ssim += v.ssim / 6;
+  }
+  EXPECT_NEAR(e.psnr, psnr, 1e-9);
+  EXPECT_NEAR(e.ssim, ssim, 1e-9);
+  EXPECT_GT(e.ssim, 0.8);
+  EXPECT_LT(e.ssim, 1);
+  EXPECT_GT(e.seconds, 0);
+}
+
+TEST_F(EvaluationTest, TakesSomeViewsSpreadEvenly) {
+  EvaluationOptions options;
+  options.max_views = 2;
+  const Evaluation e = evaluation(options);
+  ASSERT_EQ(e.views.size(), 2u);
+  EXPECT_EQ(e.views[0].name, "r_104");
+  EXPECT_EQ(e.views[1].name, "r_116");
+}
+
+TEST_F(EvaluationTest, MaskedPixelsDoNotCount) {
+  const double before = evaluation().views[0].psnr;
+  Photo& photo = trained->capture.photos.photos[0];
+  const Photo good = photo;
+  // Half of the photo is spoilt, and masked out.
+  photo.mask.assign(48 * 48, 255);
+  for (size_t i = 0; i < 48 * 24; ++i) {
+    photo.mask[i] = 0;
+    photo.pixels8[4 * i] ^= 0x80;
+    photo.pixels8[4 * i + 3] = 255;
+  }
+  const ViewScore half = evaluation().views[0];
+  EXPECT_FALSE(half.masked);
+  EXPECT_NEAR(half.psnr, before, 3);
+  photo.mask.assign(48 * 48, 0);
+  const Evaluation e = evaluation();
+  EXPECT_TRUE(e.views[0].masked);
+  EXPECT_EQ(e.counted, 5);
+  double psnr = 0;
+  for (size_t i = 1; i < 6; ++i) psnr += e.views[i].psnr / 5;
+  EXPECT_NEAR(e.psnr, psnr, 1e-9);
+  photo = good;
+}
+
+TEST_F(EvaluationTest, WritesPicturesSideBySide) {
+  test::TempFolder folder;
+  EvaluationOptions options;
+  options.max_views = 1;
+  options.pictures = folder / "eval";
+  const Evaluation e = evaluation(options);
+  const Image8 picture = read_image_8bit(folder / "eval" / (e.views[0].name + ".png"));
+  EXPECT_EQ(picture.width, 3 * 48 + 8);
+  EXPECT_EQ(picture.height, 48);
+  // The corner is background: white in photo and rendering, black in the depth.
+  EXPECT_EQ(picture.pixels[0], 255);
+  EXPECT_EQ(picture.pixels[3 * 52], 255);
+  EXPECT_EQ(picture.pixels[3 * 104], 0);
+  // The middle is not.
+  const size_t middle = 24 * static_cast<size_t>(picture.width) + 24;
+  EXPECT_NE(picture.pixels[3 * middle], 255);
+  EXPECT_NEAR(picture.pixels[3 * middle], picture.pixels[3 * (middle + 52)], 40);
+}
+
+TEST_F(EvaluationTest, CanBeCancelled) {
+  Cancel cancel;
+  double last = 0;
+  EXPECT_THROW(evaluate(
+                   trained->field, trained->capture.scene, trained->capture.photos, {},
+                   trained->pool,
+                   [&](double f) {
+                     last = f;
+                     if (f > 0.3) cancel.request();
+                   },
+                   &cancel),
+               Cancelled);
+  EXPECT_LT(last, 0.7);
+}
+
+TEST_F(EvaluationTest, WithoutHeldOutViewsThereIsNothing) {
+  Scene scene = trained->capture.scene;
+  scene.test.clear();
+  const Evaluation e = evaluate(trained->field, scene, trained->capture.photos, {}, trained->pool);
+  EXPECT_EQ(e.counted, 0);
+  EXPECT_EQ(e.psnr, 0);
+  EXPECT_TRUE(e.views.empty());
+}
+
+// The model file rounds the table to half floats: that must not be seen.
+TEST_F(EvaluationTest, AModelFileRendersAsTheFieldItCameFrom) {
+  test::TempFolder folder;
+  trained->field.save(folder / "m");
+  const RadianceField loaded = RadianceField::load(folder / "m");
+  const Evaluation e = evaluation();
+  const Evaluation f = evaluate(loaded, trained->capture.scene, trained->capture.photos, {},
+                                trained->pool);
+  for (size_t i = 0; i < e.views.size(); ++i)
+    EXPECT_NEAR(e.views[i].psnr, f.views[i].psnr, 0.01) << e.views[i].name;
+  RecordProperty("psnr_difference", std::to_string(f.psnr - e.psnr));
+}
+
+TEST(Evaluation, PhotoOverBackground) {
+  Photo photo;
+  photo.width = 2;
+  photo.height = 1;
+  photo.channels = 4;
+  photo.pixels8 = {255, 0, 128, 255, 10, 20, 30, 0};
+  const Image8 white = photo_over(photo, evaluation_background(true));
+  EXPECT_EQ(white.pixels, (std::vector<uint8_t>{255, 0, 128, 255, 255, 255}));
+  const Image8 grey = photo_over(photo, evaluation_background(false));
+  EXPECT_EQ(grey.pixels, (std::vector<uint8_t>{255, 0, 128, 128, 128, 128}));
+}
+
+TEST(Evaluation, MaskedPixelsAreDarkenedInThePicture) {
+  Image8 photo{1, 2, 3, {200, 100, 40, 200, 100, 40}};
+  Frame frame{1, 2, std::vector<float>(6, 0.5f), std::vector<float>(2, 0.0f),
+              std::vector<float>(2, 0.0f)};
+  const Image8 out = side_by_side(photo, {255, 0}, photo, frame);
+  EXPECT_EQ(out.width, 11);
+  EXPECT_EQ(out.pixels[0], 200);
+  EXPECT_EQ(out.pixels[3 * 11], 50);
+  EXPECT_EQ(out.pixels[3 * 11 + 3 * 5], 200);
+}
+
+}  // namespace
+}  // namespace nerf
