@@ -138,8 +138,9 @@ class Training {
     const std::string of = p.planned_steps ? fmt::format("/{}", p.planned_steps) : "";
     progress_.update(
         p.fraction,
-        fmt::format("step {}{}  {}samples/s  {}rays/s  {:.1f} dB", step, of,
-                    count_text(p.samples_per_second), count_text(p.rays_per_second), p.psnr),
+        fmt::format("step {}{}  {}  {}  {:.1f} dB", step, of,
+                    rate_text(p.samples_per_second, "samples"),
+                    rate_text(p.rays_per_second, "rays"), p.psnr),
         p.seconds_left);
   }
 
@@ -191,9 +192,8 @@ class Training {
     summary_.threads = pool_.size();
     summary_.decode_seconds = photos_.decode_seconds;
     write_result(folder_.result(), summary_);
-    log_info(fmt::format("training    {}, {} steps, {}samples/s",
-                         format_duration(run.train_seconds), run.steps,
-                         count_text(run.samples_per_second())));
+    log_info(fmt::format("training    {}, {} steps, {}", format_duration(run.train_seconds),
+                         run.steps, rate_text(run.samples_per_second(), "samples")));
     log_info(fmt::format("besides     decoding {:.1f} s, evaluation {:.1f} s, saving {:.1f} s",
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     if (summary_.evaluation.counted > 0)

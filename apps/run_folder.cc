@@ -116,8 +116,8 @@ void write_result(const fs::path& path, const RunSummary& s) {
   Json views = Json::array();
   for (const ViewScore& v : s.evaluation.views)
     views.push_back({{"name", v.name},
-                     {"psnr", v.masked ? Json() : Json(v.psnr)},
-                     {"ssim", v.masked ? Json() : Json(v.ssim)}});
+                     {"psnr", v.psnr ? Json(*v.psnr) : Json()},
+                     {"ssim", v.ssim ? Json(*v.ssim) : Json()}});
   write_file_atomically(path, dump(Json{{"scene", s.scene},
                                         {"psnr", measured ? Json(s.evaluation.psnr) : Json()},
                                         {"ssim", measured ? Json(s.evaluation.ssim) : Json()},

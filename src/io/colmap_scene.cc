@@ -83,7 +83,6 @@ std::vector<fs::path> find_colmap_models(const fs::path& root) {
     }
     if (is_colmap_model(base)) found.push_back(base);
   }
-  // images.bin must be there for the folder itself to count: images/ has the same stem.
   if (found.empty() && is_colmap_model(root)) found.push_back(root);
   return found;
 }

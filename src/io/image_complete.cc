@@ -1,5 +1,7 @@
 #include "image_complete.h"
 
+#include <zlib.h>
+
 #include <algorithm>
 #include <cstring>
 #include <filesystem>
@@ -14,7 +16,11 @@ namespace {
 
 constexpr uint8_t kPngSignature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
 
-std::string truncated(size_t size) {
+uint32_t big_endian(const uint8_t* p) {
+  return uint32_t{p[0]} << 24 | uint32_t{p[1]} << 16 | uint32_t{p[2]} << 8 | uint32_t{p[3]};
+}
+
+std::string truncated(uint64_t size) {
   return "is truncated: it ends at byte " + std::to_string(size) + ", before its end marker";
 }
 
@@ -60,16 +66,22 @@ std::optional<std::string> jpeg_problem(std::span<const uint8_t> bytes) {
   }
 }
 
-std::optional<std::string> png_problem(std::span<const uint8_t> bytes) {
-  for (size_t at = 8;;) {
-    // Length, type, data, checksum (which libpng verifies).
-    if (bytes.size() - at < 12) return truncated(bytes.size());
+std::optional<std::string> png_problem(std::span<const uint8_t> bytes, uint64_t file_size) {
+  for (uint64_t at = 8;;) {
+    // Length, type, data, checksum.
+    if (file_size < 12 || at > file_size - 12) return truncated(file_size);
+    if (at > bytes.size() || bytes.size() - at < 8) return std::nullopt;  // not here
     const uint8_t* chunk = bytes.data() + at;
-    const uint32_t length = uint32_t{chunk[0]} << 24 | uint32_t{chunk[1]} << 16 |
-                            uint32_t{chunk[2]} << 8 | uint32_t{chunk[3]};
-    if (length > bytes.size() - at - 12) return truncated(bytes.size());
+    const uint32_t length = big_endian(chunk);
+    if (length > file_size - at - 12) return truncated(file_size);
+    if (length > bytes.size() - at || bytes.size() - at - length < 12) return std::nullopt;
+    // Of chunks that can be left out (small first letter) decoders forgive damage.
+    const bool needed = (chunk[4] & 0x20) == 0;
+    if (needed && ::crc32_z(0, chunk + 4, size_t{length} + 4) != big_endian(chunk + 8 + length)) {
+      return "is corrupt: the checksum of the part at byte " + std::to_string(at) + " is wrong";
+    }
     if (std::memcmp(chunk + 4, "IEND", 4) == 0) return std::nullopt;
-    at += size_t{length} + 12;
+    at += uint64_t{length} + 12;
   }
 }
 
@@ -83,7 +95,7 @@ void check_image_complete(const std::filesystem::path& path) {
       problem = internal::jpeg_problem(bytes);
       break;
     case internal::ImageFileKind::kPng:
-      problem = internal::png_problem(bytes);
+      problem = internal::png_problem(bytes, bytes.size());
       break;
     case internal::ImageFileKind::kOther:
       break;

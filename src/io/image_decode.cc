@@ -37,6 +37,10 @@ Error cannot_read(const fs::path& path, const std::string& reason) {
                path.string(), kBrokenHint);
 }
 
+Error damaged(const fs::path& path, const std::string& problem) {
+  return Error("the image " + problem, path.string(), "copy it again from its source");
+}
+
 // Libraries below OpenImageIO may throw anything; here it becomes an Error that names the file.
 template <class Body>
 auto name_the_file(const fs::path& path, Body body) {
@@ -162,8 +166,8 @@ void open_in_memory(MemoryInput& input, const fs::path& path, const char* format
   }
 }
 
-std::vector<uint8_t> first_bytes(const fs::path& path) {
-  std::vector<uint8_t> head(8);
+std::vector<uint8_t> first_bytes(const fs::path& path, size_t count) {
+  std::vector<uint8_t> head(count);
   const size_t n = OIIO::Filesystem::read_bytes(path.string(), head.data(), head.size());
   head.resize(n);
   return head;
@@ -204,14 +208,13 @@ float StoredImage::sample(size_t i) const {
 StoredImage decode_image(const fs::path& path) {
   return name_the_file(path, [&] {
     MemoryInput memory;
-    const ImageFileKind kind = image_file_kind(first_bytes(path));
+    const ImageFileKind kind = image_file_kind(first_bytes(path, 8));
     if (kind != ImageFileKind::kOther) {
       memory.bytes = read_file(path);
-      const auto problem =
-          kind == ImageFileKind::kJpeg ? jpeg_problem(memory.bytes) : png_problem(memory.bytes);
-      if (problem) {
-        throw Error("the image " + *problem, path.string(), "copy it again from its source");
-      }
+      const auto problem = kind == ImageFileKind::kJpeg
+                               ? jpeg_problem(memory.bytes)
+                               : png_problem(memory.bytes, memory.bytes.size());
+      if (problem) throw damaged(path, *problem);
       open_in_memory(memory, path, kind == ImageFileKind::kJpeg ? "jpeg" : "png");
     } else {
       memory.in = open_by_path(path);
@@ -246,6 +249,12 @@ StoredImage decode_image(const fs::path& path) {
 
 ImageInfo read_image_info(const std::filesystem::path& path) {
   return internal::name_the_file(path, [&] {
+    // libpng would print what is wrong with a header instead of only reporting it.
+    const auto head = internal::first_bytes(path, 1 << 16);
+    if (internal::image_file_kind(head) == internal::ImageFileKind::kPng) {
+      const auto problem = internal::png_problem(head, internal::length_of(path));
+      if (problem) throw internal::damaged(path, *problem);
+    }
     const auto in = internal::open_by_path(path);
     const OIIO::ImageSpec& spec = in->spec();
     internal::check_spec(spec, path, internal::length_of(path));

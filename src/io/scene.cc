@@ -125,7 +125,8 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
                                  ? internal::detect_format(path, ignored)
                                  : options.format;
   SceneInput input = internal::read_scene_input(path, format, {options, progress, cancel});
-  scene.root = path;
+  scene.root = std::filesystem::is_directory(path) ? path : path / "..";
+  scene.root = scene.root.lexically_normal();
   SceneReport& report = scene.report;
   report.format = input.format;
   report.ignored = std::move(ignored);

@@ -79,9 +79,14 @@ Vec3d estimate_up(const std::vector<View>& views, std::vector<std::string>& warn
         "the photos seem to lie on a side: up is a guess and may be down (--up x,y,z sets it)");
     return from_eigen(level_up(views, 1, own_right.normalized()));
   }
-  const Eigen::Vector3d prior =
-      own_up.norm() > 1e-6 ? Eigen::Vector3d(own_up.normalized()) : Eigen::Vector3d(0, 0, 1);
-  if (own_up.norm() < 0.3) {
+  const Eigen::Vector3d forward = mean_axis(views, 2);
+  Eigen::Vector3d prior(0, 0, 1);
+  if (own_up.norm() < 0.3 && forward.norm() > 0.7) {
+    prior = -forward.normalized();  // flown over ground, looking down and turning
+  } else if (own_up.norm() > 1e-6) {
+    prior = own_up.normalized();
+  }
+  if (own_up.norm() < 0.3 && forward.norm() <= 0.7) {
     warnings.push_back("the cameras do not agree on an up direction (--up x,y,z sets it)");
   }
   const Eigen::Vector3d level = level_up(views, 0, prior);

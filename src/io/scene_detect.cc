@@ -35,9 +35,21 @@ std::vector<fs::path> videos_in(const fs::path& folder) {
   return found;
 }
 
+// Whether there is an image in the folder or in one right below it. Looks no deeper: the path may be
+// a mistake for a whole disk.
+bool holds_images(const fs::path& folder, int depth = 1) {
+  std::error_code problem;
+  for (fs::directory_iterator it(folder, problem), end; !problem && it != end;
+       it.increment(problem)) {
+    if (is_file(it->path()) && is_image_file(it->path())) return true;
+    if (depth > 0 && is_folder(it->path()) && holds_images(it->path(), depth - 1)) return true;
+  }
+  return false;
+}
+
 // The folder whose photos count: images/ where it holds any, else the folder itself.
 fs::path photo_folder(const fs::path& root) {
-  return list_images(root / "images").empty() ? root : root / "images";
+  return holds_images(root / "images") ? root / "images" : root;
 }
 
 bool has_format(const fs::path& path, SceneFormat format) {
@@ -51,7 +63,7 @@ bool has_format(const fs::path& path, SceneFormat format) {
     case SceneFormat::kTransforms:
       return folder ? path_exists(path / "transforms.json") : path.extension() == ".json";
     case SceneFormat::kPhotos:
-      return folder && !list_images(photo_folder(path)).empty();
+      return folder && holds_images(photo_folder(path));
     case SceneFormat::kVideo:
       return folder ? !videos_in(path).empty() : is_video_file(path);
     case SceneFormat::kAuto:
@@ -65,13 +77,13 @@ const char* what_is_wanted(SceneFormat format) {
     case SceneFormat::kBlender:
       return "transforms_train.json";
     case SceneFormat::kColmap:
-      return "a COLMAP model (sparse/0, sparse or colmap/sparse/0)";
+      return "COLMAP model (sparse/0, sparse or colmap/sparse/0)";
     case SceneFormat::kTransforms:
       return "transforms.json";
     case SceneFormat::kPhotos:
-      return "photos (images/ or the folder itself)";
+      return "folder of photos (images/ or the folder itself)";
     case SceneFormat::kVideo:
-      return "a video file";
+      return "video file";
     case SceneFormat::kAuto:
       break;
   }
@@ -93,8 +105,8 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
     return names;
   }();
   if (!camera_model_from_name(run.options.camera_model)) {
-    throw Error(fmt::format("there is no camera model {}", run.options.camera_model), "--camera-model",
-                nearest_name_hint(run.options.camera_model, kModels));
+    throw Error(fmt::format("there is no camera model {}", run.options.camera_model),
+                "--camera-model", nearest_name_hint(run.options.camera_model, kModels));
   }
   if (is_folder(photos / "masks")) {
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
@@ -131,7 +143,7 @@ SceneFormat detect_format(const fs::path& path, std::vector<std::string>& ignore
                 "or a video");
   }
   throw Error(path_exists(path) ? "the file is neither a transforms .json nor a video"
-                           : "there is no such file or folder",
+                                : "there is no such file or folder",
               path.string(), "give the folder of a scene");
 }
 

@@ -25,14 +25,23 @@ double quantile(std::vector<double>& values, double fraction) {
   return *at;
 }
 
-// Points that several images agree on: what normalisation may rely on.
+// Points that several images agree on: what normalisation may rely on. Three images, or two where a
+// capture has few that three see.
 std::vector<char> supported_points(const std::vector<ScenePoint>& points) {
+  constexpr size_t kEnough = 50;
   std::vector<double> errors;
   for (const ScenePoint& p : points) errors.push_back(p.error);
   const double limit = std::max(1.0, 2 * quantile(errors, 0.75));
-  std::vector<char> good(points.size());
-  for (size_t i = 0; i < points.size(); ++i) {
-    good[i] = points[i].views >= 3 && points[i].error <= limit;
+  const auto seen_by = [&](int views) {
+    std::vector<char> good(points.size());
+    for (size_t i = 0; i < points.size(); ++i) {
+      good[i] = points[i].views >= views && points[i].error <= limit;
+    }
+    return good;
+  };
+  std::vector<char> good = seen_by(3);
+  if (std::count(good.begin(), good.end(), 1) < static_cast<std::ptrdiff_t>(kEnough)) {
+    good = seen_by(2);
   }
   return good;
 }

@@ -44,7 +44,7 @@ bool positive_on(const Polynomial<kCapacity>& p, double end) {
   double lowest = p.c[0], power = 1;
   for (size_t i = 1; i < p.size; ++i) {
     power *= end;
-    if (p.c[i] < 0) lowest += p.c[i] * power;
+    if (!(p.c[i] >= 0)) lowest += p.c[i] * power;  // also when NaN
   }
   if (lowest > 0) return true;
 

@@ -81,13 +81,13 @@ void RaySampler::march(const Ray& ray, float min_transmittance) {
     v.inverse[i] = v.step[i] ? 1.0f / d : 0.0f;
   }
   if (!(v.end <= 4 * static_cast<float>(1 << grid_.cascades()))) return;  // coordinates are no numbers
-  // A ray that enters along the grid's upper border is inside it, wherever rounding has put it.
-  int c = std::min(grid_.cascade_of(entry_), grid_.cascades() - 1);
+  // Nudged across the border that the ray, or the last stretch of it, starts on. One that enters along
+  // the grid's upper border is inside, wherever rounding has put it.
+  constexpr float kNudge = 1e-6f;
+  int c = std::min(grid_.cascade_of(v.origin + v.direction * kNudge), grid_.cascades() - 1);
   float t = 0;
-  while (t < v.end && v.depth < v.stop && c < grid_.cascades()) {
-    // Nudged across the border that the last stretch ended on.
-    t = march_cascade(v, c, t + 1e-6f + 1e-6f * t);
-  }
+  while (t < v.end && v.depth < v.stop && c < grid_.cascades())
+    t = march_cascade(v, c, t + kNudge * (1 + t));
 }
 
 float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {

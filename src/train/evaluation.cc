@@ -2,19 +2,18 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <set>
 
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/io/depth_image.h"
+#include "nerf/train/metrics.h"
 
 namespace nerf {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMostPsnr = 100;
 constexpr int kGap = 4;  // pixels between the parts of a picture
 
 // Some of the views, spread evenly.
@@ -47,28 +46,16 @@ void paste(const Image8& from, int x0, Image8& to) {
                 to.pixels.begin() + (static_cast<ptrdiff_t>(y) * to.width + x0) * 3);
 }
 
-double psnr(const Image8& a, const Image8& b, const std::vector<uint8_t>& mask) {
-  double sum = 0, n = 0;
-  for (size_t i = 0; i < a.pixels.size(); ++i) {
-    if (!mask.empty() && mask[i / 3] == 0) continue;
-    const double e = (a.pixels[i] - b.pixels[i]) / 255.0;
-    sum += e * e;
-    n += 1;
-  }
-  return -10 * std::log10(std::max(sum / n, 1e-12));
-}
-double ssim(const Image8&, const Image8&, const std::vector<uint8_t>&) { return 0; }
-
-ViewScore score(const std::string& name, const Image8& photo, const Image8& rendering,
-                const std::vector<uint8_t>& mask) {
-  ViewScore result;
-  result.name = name;
-  result.masked =
-      !mask.empty() && std::all_of(mask.begin(), mask.end(), [](uint8_t m) { return m == 0; });
-  if (result.masked) return result;
-  result.psnr = std::min(kMostPsnr, psnr(photo, rendering, mask));
-  result.ssim = ssim(photo, rendering, mask);
-  return result;
+// Mean of the values that are there; 0 where none is.
+double mean(const std::vector<ViewScore>& views, std::optional<double> ViewScore::* value) {
+  double sum = 0;
+  int count = 0;
+  for (const ViewScore& v : views)
+    if (v.*value) {
+      sum += *(v.*value);
+      ++count;
+    }
+  return count > 0 ? sum / count : 0;
 }
 
 }  // namespace
@@ -127,21 +114,16 @@ Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoS
                                at, cancel);
     const Image8 truth = photo_over(photo, render_options.background);
     const Image8 rendering = to_picture(frame);
-    result.views.push_back(score(scene.views[v].name, truth, rendering, photo.mask));
+    result.views.push_back({scene.views[v].name, psnr(truth, rendering, photo.mask),
+                            ssim(truth, rendering, pool, photo.mask)});
     if (!options.pictures.empty())
       write_image(options.pictures / picture_file(scene.views[v].name, used),
                   side_by_side(truth, photo.mask, rendering, frame));
   }
-  for (const ViewScore& s : result.views) {
-    if (s.masked) continue;
-    result.psnr += s.psnr;
-    result.ssim += s.ssim;
-    ++result.counted;
-  }
-  if (result.counted > 0) {
-    result.psnr /= result.counted;
-    result.ssim /= result.counted;
-  }
+  result.psnr = mean(result.views, &ViewScore::psnr);
+  result.ssim = mean(result.views, &ViewScore::ssim);
+  result.counted = static_cast<int>(std::count_if(
+      result.views.begin(), result.views.end(), [](const ViewScore& s) { return s.psnr.has_value(); }));
   result.seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;

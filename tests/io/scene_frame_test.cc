@@ -106,6 +106,23 @@ TEST(EstimateUp, PhotosOnTheirSideAreWarnedOf) {
   EXPECT_TRUE(contains(warnings[0], "lie on a side"));
 }
 
+TEST(EstimateUp, LookingDownFromTheAir) {
+  std::vector<Pose> turning, to_and_fro;
+  for (int i = 0; i < 30; ++i) {
+    const Vec3d eye{i % 6 * 1.0, i / 6 * 1.0, 5};
+    const double turn = 2.4 * i;
+    turning.push_back(
+        look_at(eye, eye - Vec3d{0.05, 0.02, 1}, {std::cos(turn), std::sin(turn), 0}));
+    to_and_fro.push_back(look_at(eye, eye - Vec3d{0.01, 0.02, 1}, {0, i / 6 % 2 ? 1.0 : -1.0, 0}));
+  }
+  std::vector<std::string> warnings;
+  EXPECT_LT(angle(estimate_up(views_of(rotated(turning, tilted())), warnings),
+                  tilted() * Vec3d{0, 0, 1}),
+            5 * kDegree);
+  EXPECT_LT(angle(estimate_up(views_of(to_and_fro), warnings), {0, 0, 1}), 5 * kDegree);
+  EXPECT_TRUE(warnings.empty());
+}
+
 TEST(EstimateFocus, AxesThatMeet) {
   std::vector<Pose> poses = arc(15, 120);
   for (Pose& p : poses) p.translation = p.translation + Vec3d{5, -7, 2};
@@ -217,6 +234,19 @@ TEST(ChooseFrame, NearIsHalfOfTheClosestSupportedPoint) {
   }
   EXPECT_GE(capture.scene.report.near, 0.5 * closest - 1e-9);
   EXPECT_LT(capture.scene.report.near, 0.6 * closest);
+}
+
+// Of two images no point is seen by three.
+TEST(ChooseFrame, TwoImagesUseThePointsOfBoth) {
+  Capture capture({ring_pose(0, 8), ring_pose(1, 8)}, ball(100, 1));
+  capture.input.observations.clear();
+  for (int32_t i = 0; i < 100; ++i) {
+    capture.scene.points[static_cast<size_t>(i)].views = 2;
+    for (int32_t v = 0; v < 2; ++v) capture.input.observations.push_back({v, i});
+  }
+  capture.choose();
+  EXPECT_GT(capture.scene.report.near, 1.5);
+  EXPECT_LT(capture.scene.report.near, 2.5);
 }
 
 TEST(ChooseFrame, ForwardFacingHoldsCamerasAndPoints) {

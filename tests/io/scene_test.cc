@@ -155,7 +155,7 @@ TEST(LoadScene, WhatIsNoSceneIsAnError) {
   EXPECT_TRUE(contains(load_error(folder / "notes.txt"), "neither a transforms .json nor a video"));
   SceneOptions options;
   options.format = SceneFormat::kColmap;
-  EXPECT_TRUE(contains(load_error(folder.path(), options), "there is no a COLMAP model"));
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "there is no COLMAP model (sparse/0"));
   options.format = SceneFormat::kAuto;
   options.downscale = 0;
   EXPECT_TRUE(contains(load_error(folder.path(), options), "--downscale 0"));

@@ -9,6 +9,7 @@ inline TrainOptions tiny_options(int64_t steps) {
   TrainOptions o;
   o.steps = steps;
   o.batch_samples = 4800;
+  o.rate = 0.01;
   o.grid.levels = 4;
   o.grid.log2_entries = 12;
   o.grid.base_resolution = 8;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,17 +23,17 @@ struct EvaluationOptions {
   std::filesystem::path pictures;  // folder for side-by-side pictures; empty: none are written
 };
 
+// As metrics.h defines them; no value where nothing counts (masked out, or too small a picture).
 struct ViewScore {
   std::string name;
-  double psnr = 0;     // dB, at most 100 (what 8 bits give for equal pictures is without bound)
-  double ssim = 0;
-  bool masked = false; // wholly masked out: no scores, and not in the means
+  std::optional<double> psnr;  // dB
+  std::optional<double> ssim;
 };
 
 struct Evaluation {
   std::vector<ViewScore> views;
-  double psnr = 0, ssim = 0;  // means over the views that count; 0 where there are none
-  int counted = 0;            // views in the means
+  double psnr = 0, ssim = 0;  // means over the views that have a value; 0 where none has
+  int counted = 0;            // views with a PSNR
   double seconds = 0;
 };
 

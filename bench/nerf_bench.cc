@@ -1,0 +1,37 @@
+// nerf_bench: the measurements whose figures stand in docs/benchmarks.md.
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "app.h"
+#include "bench_commands.h"
+#include "nerf/base/error.h"
+#include "nerf/base/nearest_name.h"
+
+namespace nerf::apps {
+namespace {
+
+constexpr const char* kHelp =
+    "nerf_bench COMMAND [OPTIONS]\n"
+    "  scene SCENE   trains with nerf_train and prints quality over time, throughput, rendering\n"
+    "  kernels       times the kernels (options of Google Benchmark)\n"
+    "nerf_bench COMMAND --help says more.\n";
+
+int bench_main(int argc, char** argv) {
+  const std::string command = argc > 1 ? argv[1] : "--help";
+  if (command == "--help" || command == "-h") {
+    std::fputs(kHelp, stdout);
+    return kExitOk;
+  }
+  if (command == "scene") return bench_scene(argc - 1, argv + 1);
+  if (command == "kernels") return bench_kernels(argc - 1, argv + 1);
+  const std::vector<std::string> known = {"scene", "kernels"};
+  throw Error("unknown command '" + command + "'", "", nearest_name_hint(command, known));
+}
+
+}  // namespace
+}  // namespace nerf::apps
+
+int main(int argc, char** argv) {
+  return nerf::apps::run_main("nerf_bench", [&] { return nerf::apps::bench_main(argc, argv); });
+}
