@@ -136,12 +136,11 @@ class Training {
     if (step % command_.report_every == 0 || step == p.planned_steps) metrics_->add_step(p);
     last_ = p;
     const std::string of = p.planned_steps ? fmt::format("/{}", p.planned_steps) : "";
-    progress_.update(
-        p.fraction,
-        fmt::format("step {}{}  {}  {}  {:.1f} dB", step, of,
-                    rate_text(p.samples_per_second, "samples"),
-                    rate_text(p.rays_per_second, "rays"), p.psnr),
-        p.seconds_left);
+    progress_.update(p.fraction,
+                     fmt::format("step {}{}  {}  {}  {:.1f} dB", step, of,
+                                 rate_text(p.samples_per_second, "samples"),
+                                 rate_text(p.rays_per_second, "rays"), p.psnr),
+                     p.seconds_left);
   }
 
   void on_plan(int64_t steps) {

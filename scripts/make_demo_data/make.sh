@@ -36,6 +36,7 @@ run mapper --database_path "$work/database.db" --image_path "$out/images" \
   --output_path "$work/sparse"
 mkdir -p "$out/sparse"
 cp -r "$work/sparse/0" "$out/sparse/0"
+rm "$out/sparse/0/project.ini"  # COLMAP's own command line: paths of this machine, not of the model
 
 colmap model_analyzer --path "$out/sparse/0" 2>&1
 du -sb "$out"

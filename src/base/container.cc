@@ -34,7 +34,7 @@ struct FileHead {
 struct SectionHead {
   char name[kNameBytes];  // padded with zeros
   uint32_t encoding;
-  uint32_t reserved;      // 0
+  uint32_t reserved;  // 0
   uint64_t stored_bytes;
   uint64_t decoded_bytes;
 };
@@ -149,7 +149,8 @@ void ContainerReader::parse(const ContainerFormat& format) {
   const std::span<const uint8_t> all(bytes_);
   const size_t magic_seen = std::min(all.size(), sizeof(head.magic));
   if (all.empty() || std::memcmp(all.data(), format.magic.data(), magic_seen) != 0)
-    throw Error("is not a " + kind_ + " of this program", where_, "check that it is the right file");
+    throw Error("is not a " + kind_ + " of this program", where_,
+                "check that it is the right file");
   if (all.size() < sizeof(head) + kChecksumBytes)
     throw damaged("it is truncated after " + std::to_string(all.size()) + " bytes");
   std::memcpy(&head, all.data(), sizeof(head));

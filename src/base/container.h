@@ -17,12 +17,13 @@ namespace nerf::internal {
 struct ContainerFormat {
   std::string_view magic;  // 8 characters
   uint32_t version;
-  std::string_view kind;   // for messages: "model file"
+  std::string_view kind;  // for messages: "model file"
 };
 
 enum class SectionEncoding : uint32_t { kRaw = 0, kZlib = 1 };
 
-// Collects sections and writes them. Raw sections are not copied: their arrays must live until save().
+// Collects sections and writes them. Raw sections are not copied: their arrays must live until
+// save().
 class ContainerWriter {
  public:
   explicit ContainerWriter(std::string header) : header_(std::move(header)) {}
@@ -44,8 +45,8 @@ class ContainerWriter {
     std::string name;
     SectionEncoding encoding;
     uint64_t decoded_bytes;
-    std::span<const uint8_t> stored;   // of raw sections
-    std::vector<uint8_t> compressed;   // of others
+    std::span<const uint8_t> stored;  // of raw sections
+    std::vector<uint8_t> compressed;  // of others
     std::span<const uint8_t> bytes() const {
       return encoding == SectionEncoding::kRaw ? stored : std::span<const uint8_t>(compressed);
     }

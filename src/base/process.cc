@@ -153,6 +153,9 @@ pid_t spawn(const fs::path& program, const std::vector<std::string>& command,
   ::posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
   ::posix_spawn_file_actions_adddup2(&actions, output, 1);
   ::posix_spawn_file_actions_adddup2(&actions, errors, 2);
+  if (!options.folder.empty()) {
+    ::posix_spawn_file_actions_addchdir_np(&actions, options.folder.c_str());
+  }
   // The child starts with signals as usual, whatever this process blocks or ignores.
   sigset_t none, all;
   ::sigemptyset(&none);
@@ -224,7 +227,8 @@ ProcessResult run_process(const std::vector<std::string>& command, const Process
   if (!program) throw Error("the program is not installed or cannot be run", command[0]);
   Pipe output, errors;
   const bool raw = static_cast<bool>(options.on_output);
-  Child child(spawn(*program, command, options, raw ? output.write : errors.write, errors.write));
+  Child child(spawn(fs::absolute(*program), command, options, raw ? output.write : errors.write,
+                    errors.write));
   output.close_write();
   errors.close_write();
 

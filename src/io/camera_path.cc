@@ -192,16 +192,23 @@ bool has_times(const ModelInfo& info) {
                      [&](const ModelView& v) { return v.time != info.views.front().time; });
 }
 
-void add_curve(CameraPath& path, const ModelInfo& info, const PoseCurve& curve, int frames,
-               const std::string& name) {
+std::vector<double> even_parameters(int count) {
+  std::vector<double> parameters(static_cast<size_t>(count));
+  for (int i = 0; i < count; ++i)
+    parameters[static_cast<size_t>(i)] = i / static_cast<double>(count);
+  return parameters;
+}
+
+void add_curve(CameraPath& path, const ModelInfo& info, const PoseCurve& curve,
+               const std::vector<double>& parameters, const std::string& name) {
   const Camera camera = path_camera(info);
   const bool timed = has_times(info);
-  const auto parameters = constant_speed_parameters(curve, frames, true);
   for (size_t i = 0; i < parameters.size(); ++i) {
     PathFrame frame{numbered(name, i), camera,
                     info.to_engine.apply_inverse(curve.at(parameters[i])), 0};
     frame.camera_to_world.rotation = orthonormalized(frame.camera_to_world.rotation);
-    if (timed && frames > 1) frame.time = static_cast<double>(i) / (frames - 1);
+    if (timed && parameters.size() > 1)
+      frame.time = static_cast<double>(i) / static_cast<double>(parameters.size() - 1);
     path.frames.push_back(std::move(frame));
   }
 }
@@ -299,15 +306,22 @@ CameraPath make_camera_path(const ModelInfo& info, PathKind kind, const PathOpti
       if (!rig.arc.full)
         path.notes.emplace_back(
             "the cameras stand on one side: the orbit swings along the arc that they cover");
-      add_curve(path, info, orbit(rig), options.frames, "orbit");
+      // Even parameters: a circle at constant speed, a swing that slows down where it turns.
+      add_curve(path, info, orbit(rig), even_parameters(options.frames), "orbit");
       break;
     }
-    case PathKind::kSpiral:
-      add_curve(path, info, spiral(make_rig(info)), options.frames, "spiral");
+    case PathKind::kSpiral: {
+      const PoseCurve curve = spiral(make_rig(info));
+      add_curve(path, info, curve, constant_speed_parameters(curve, options.frames, true),
+                "spiral");
       break;
-    case PathKind::kEllipse:
-      add_curve(path, info, ellipse(make_rig(info)), options.frames, "ellipse");
+    }
+    case PathKind::kEllipse: {
+      const PoseCurve curve = ellipse(make_rig(info));
+      add_curve(path, info, curve, constant_speed_parameters(curve, options.frames, true),
+                "ellipse");
       break;
+    }
     case PathKind::kInterpolate:
       add_interpolation(path, info, options.frames);
       break;

@@ -27,12 +27,11 @@ std::string truncated(uint64_t size) {
 }  // namespace
 
 ImageFileKind image_file_kind(std::span<const uint8_t> bytes) {
-  if (bytes.size() >= 3 && bytes[0] == 0xff && bytes[1] == 0xd8 && bytes[2] == 0xff) {
+  if (bytes.size() >= 8 && bytes[0] == 0xff && bytes[1] == 0xd8 && bytes[2] == 0xff) {
     return ImageFileKind::kJpeg;
   }
-  if (bytes.size() >= 8 && std::equal(kPngSignature, kPngSignature + 8, bytes.begin())) {
-    return ImageFileKind::kPng;
-  }
+  // Three letters are enough: png_problem looks at the rest, which copying as text would damage.
+  if (bytes.size() >= 8 && std::memcmp(bytes.data() + 1, "PNG", 3) == 0) return ImageFileKind::kPng;
   return ImageFileKind::kOther;
 }
 
@@ -67,6 +66,9 @@ std::optional<std::string> jpeg_problem(std::span<const uint8_t> bytes) {
 }
 
 std::optional<std::string> png_problem(std::span<const uint8_t> bytes, uint64_t file_size) {
+  if (!std::equal(kPngSignature, kPngSignature + 8, bytes.begin())) {
+    return "is corrupt: its first 8 bytes are not those of a PNG file";
+  }
   for (uint64_t at = 8;;) {
     // Length, type, data, checksum.
     if (file_size < 12 || at > file_size - 12) return truncated(file_size);
@@ -74,6 +76,10 @@ std::optional<std::string> png_problem(std::span<const uint8_t> bytes, uint64_t 
     const uint8_t* chunk = bytes.data() + at;
     const uint32_t length = big_endian(chunk);
     if (length > file_size - at - 12) return truncated(file_size);
+    const auto is_letter = [](uint8_t c) { return (c | 0x20) >= 'a' && (c | 0x20) <= 'z'; };
+    if (!std::all_of(chunk + 4, chunk + 8, is_letter)) {
+      return "is corrupt: a part of unknown kind at byte " + std::to_string(at);
+    }
     if (length > bytes.size() - at || bytes.size() - at - length < 12) return std::nullopt;
     // Of chunks that can be left out (small first letter) decoders forgive damage.
     const bool needed = (chunk[4] & 0x20) == 0;

@@ -11,7 +11,7 @@ namespace nerf::internal {
 
 enum class ImageFileKind { kJpeg, kPng, kOther };
 
-// By the first bytes, whatever the file's name says.
+// By the first 8 bytes (fewer give kOther), whatever the file's name says.
 ImageFileKind image_file_kind(std::span<const uint8_t> bytes);
 
 // What is wrong, as the end of the sentence "the image ...", with the byte; nothing where the file
@@ -20,7 +20,7 @@ ImageFileKind image_file_kind(std::span<const uint8_t> bytes);
 std::optional<std::string> jpeg_problem(std::span<const uint8_t> bytes);
 
 // The same for PNG: walks its chunks up to IEND, with their checksums. `bytes` may be the beginning
-// of a file of file_size bytes; what lies behind it is not judged.
+// (8 bytes and more) of a file of file_size bytes; what lies behind it is not judged.
 std::optional<std::string> png_problem(std::span<const uint8_t> bytes, uint64_t file_size);
 
 }  // namespace nerf::internal

@@ -42,11 +42,8 @@ class NumberedFrames {
   NumberedFrames(const NumberedFrames&) = delete;
   NumberedFrames& operator=(const NumberedFrames&) = delete;
 
-  std::string pattern() const {
-    std::string result;
-    for (const char c : folder_.string()) result.append(c == '%' ? 2 : 1, c);
-    return result + "/%08d" + extension_;
-  }
+  const fs::path& folder() const { return folder_; }
+  std::string pattern() const { return "%08d" + extension_; }
 
  private:
   void clear() {
@@ -90,6 +87,7 @@ void write_video(const fs::path& path, const std::vector<fs::path>& frames,
   const NumberedFrames numbered(frames);
   ProcessOptions process;
   process.cancel = options.cancel;
+  process.folder = numbered.folder();
   process.on_line = [&](std::string_view line) {
     if (!options.progress || !line.starts_with("frame=")) return;
     int done = 0;

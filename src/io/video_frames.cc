@@ -55,20 +55,15 @@ void store_frames(const std::string& ffmpeg, const fs::path& video, const std::v
   // In a file: a long list of frames would not fit on a command line.
   const fs::path script = folder.string() + ".filter";
   write_file_atomically(script, filter);
-  // A % of the folder's name is no pattern.
-  std::string pattern;
-  for (const char c : folder.string()) pattern.append(c == '%' ? 2 : 1, c);
-  pattern += "/frame_%06d.jpg";
   ProcessOptions options;
   options.cancel = cancel;
+  options.folder = folder;  // a % of its name would be taken for a pattern
   ProcessResult result;
   try {
-    result =
-        run_process({ffmpeg, "-nostdin", "-v", "error", "-i", video.string(), "-map", "0:V:0",
-                     "-filter_script:v", script.string(), "-vsync", "0", "-q:v", "1", "-qmin", "1",
-                     // A name with % in the folder would be taken for a pattern.
-                     "-f", "image2", (folder / "frame_%06d.jpg").string()},
-                    options);
+    result = run_process({ffmpeg, "-nostdin", "-v", "error", "-i", video.string(), "-map", "0:V:0",
+                          "-filter_script:v", script.string(), "-vsync", "0", "-q:v", "1", "-qmin",
+                          "1", "-f", "image2", "frame_%06d.jpg"},
+                         options);
   } catch (...) {
     fs::remove(script);
     throw;

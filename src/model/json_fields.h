@@ -1,5 +1,5 @@
-// Reading the JSON headers of files: every access checks presence, type and size, and names the file
-// and the field in its Error.
+// Reading the JSON headers of files: every access checks presence, type and size, and names the
+// file and the field in its Error.
 #pragma once
 
 #include <cmath>

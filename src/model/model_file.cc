@@ -24,7 +24,8 @@ Box3 clip_from(const JsonFields& header) {
   return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
 }
 
-// A table of half floats takes half the file, and costs less than 0.001 dB (tests/train measures it).
+// A table of half floats takes half the file, and costs less than 0.001 dB (tests/train measures
+// it).
 std::vector<uint16_t> to_half(std::span<const float> values) {
   std::vector<uint16_t> out(values.size());
   for (size_t i = 0; i < out.size(); ++i) out[i] = float_to_half(values[i]);
@@ -32,8 +33,7 @@ std::vector<uint16_t> to_half(std::span<const float> values) {
 }
 
 RadianceField read_model(const ContainerReader& file) {
-  const JsonFields header =
-      JsonFields::parse(file.header(), file.where() + ": header");
+  const JsonFields header = JsonFields::parse(file.header(), file.where() + ": header");
   ModelInfo info = model_info_from_json(header);
   if (info.method != "grid")
     header.fail("'" + info.method + "' is no method that this program knows", "method");
@@ -46,8 +46,9 @@ RadianceField read_model(const ContainerReader& file) {
                                               options.base_resolution, options.finest_resolution);
   const uint64_t entries = shape.rows * kGridFeatures;
   if (file.decoded_bytes("table") != entries * sizeof(uint16_t))
-    throw Error("is a damaged model file: its table does not have the size that its options ask for",
-                file.where());
+    throw Error(
+        "is a damaged model file: its table does not have the size that its options ask for",
+        file.where());
 
   auto field = std::make_shared<GridField>(options, info.unbounded, cascades);
   std::vector<uint16_t> half(entries);

@@ -8,7 +8,8 @@
 
 namespace nerf::internal {
 
-// Numbers read back to the same bits. Names that are not UTF-8 get U+FFFD in the place of what is not.
+// Numbers read back to the same bits. Names that are not UTF-8 get U+FFFD in the place of what is
+// not.
 nlohmann::ordered_json model_info_to_json(const ModelInfo& info);
 
 // Throws Error for what is missing, of another type, or no camera, rotation or size at all.

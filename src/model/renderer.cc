@@ -53,6 +53,9 @@ class TileRenderer {
   static SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
     SamplerOptions s = field.options.sampler;
     s.min_transmittance = std::min(s.min_transmittance, options.min_transmittance);
+    s.samples_per_cell *= options.sample_factor;
+    s.max_samples = static_cast<int>(
+        std::min(static_cast<float>(s.max_samples) * options.sample_factor, float{kChunkSamples}));
     return s;
   }
 

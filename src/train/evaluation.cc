@@ -60,9 +60,7 @@ double mean(const std::vector<ViewScore>& views, std::optional<double> ViewScore
 
 }  // namespace
 
-Vec3 evaluation_background(bool alpha) {
-  return alpha ? Vec3{1, 1, 1} : Vec3{0.5f, 0.5f, 0.5f};
-}
+Vec3 evaluation_background(bool alpha) { return alpha ? Vec3{1, 1, 1} : Vec3{0.5f, 0.5f, 0.5f}; }
 
 Image8 photo_over(const Photo& photo, const Vec3& background) {
   ImageF image{photo.width, photo.height, 3, {}};
@@ -110,8 +108,8 @@ Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoS
     const auto at = [&](double f) {
       if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
     };
-    const Frame frame = render(field, photos.cameras[v], scene.views[v].pose, render_options, pool,
-                               at, cancel);
+    const Frame frame =
+        render(field, photos.cameras[v], scene.views[v].pose, render_options, pool, at, cancel);
     const Image8 truth = photo_over(photo, render_options.background);
     const Image8 rendering = to_picture(frame);
     result.views.push_back({scene.views[v].name, psnr(truth, rendering, photo.mask),
@@ -122,10 +120,10 @@ Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoS
   }
   result.psnr = mean(result.views, &ViewScore::psnr);
   result.ssim = mean(result.views, &ViewScore::ssim);
-  result.counted = static_cast<int>(std::count_if(
-      result.views.begin(), result.views.end(), [](const ViewScore& s) { return s.psnr.has_value(); }));
-  result.seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  result.counted =
+      static_cast<int>(std::count_if(result.views.begin(), result.views.end(),
+                                     [](const ViewScore& s) { return s.psnr.has_value(); }));
+  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;
 }
 

@@ -1,5 +1,5 @@
-// Signs of a training gone wrong. A step whose loss or gradient is infinite or not a number is stopped
-// before it reaches the weights.
+// Signs of a training gone wrong. A step whose loss or gradient is infinite or not a number is
+// stopped before it reaches the weights.
 #include <cmath>
 #include <string>
 

@@ -18,16 +18,15 @@ using internal::SpeedMeter;
 
 // A plan that is not fixed yet: far enough for every step to lie before TrainOptions::hold of it.
 constexpr int64_t kNoPlan = int64_t{1} << 40;
-// Share of the budget after which the plan is fixed, relative to TrainOptions::hold: early steps may
-// be faster than late ones, and must not leave the hold before.
+// Share of the budget after which the plan is fixed, relative to TrainOptions::hold: early steps
+// may be faster than late ones, and must not leave the hold before.
 constexpr double kPlanWithinHold = 0.8;
 constexpr double kFirstSave = 0.25;  // of the interval between checkpoints
 constexpr double kEmptyOpacity = 0.001;
 constexpr double kEmptyShare = 0.02;  // of the photos' own opacity
 
 double seconds_now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 class Run {
@@ -105,15 +104,18 @@ class Run {
   void plan_when_due() {
     const double share = std::max(kPlanWithinHold * trainer_.options().hold, 0.02);
     if (result_.train_seconds < share * budget_ || speed_.steps() < 3) return;
-    plan();
+    // Steps taken after the hold would have had another rate, had the plan been known.
+    const double hold = trainer_.options().hold;
+    plan(hold > 0
+             ? static_cast<int64_t>(std::ceil(static_cast<double>(trainer_.steps_done()) / hold))
+             : 0);
   }
 
-  // As many steps as the rest of the budget has room for.
-  void plan() {
+  // As many steps as the rest of the budget has room for, but not below `least`.
+  void plan(int64_t least) {
     const double left = std::max(budget_ - result_.train_seconds, 0.0);
-    const int64_t steps =
-        trainer_.steps_done() +
-        std::max<int64_t>(1, static_cast<int64_t>(left / speed_.step_seconds_ahead()));
+    const int64_t room = static_cast<int64_t>(left / speed_.step_seconds_ahead());
+    const int64_t steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, room));
     trainer_.set_planned_steps(steps);
     if (callbacks_.planned) callbacks_.planned(steps);
   }
@@ -128,8 +130,7 @@ class Run {
     if (++result_.failures > kMostFailures)
       throw Error("training was given up after going back " + std::to_string(kMostFailures) +
                       " times: " + reason,
-                  "",
-                  "check the photos and poses in the scene report, or lower --rate");
+                  "", "check the photos and poses in the scene report, or lower --rate");
     const uint64_t salt = mix64(trainer_.options().seed + static_cast<uint64_t>(result_.failures));
     const double rate_factor = std::ldexp(1.0, -result_.failures);
     const bool planned = budget_ > 0 && plan_known();
@@ -141,7 +142,7 @@ class Run {
       opacity_ = 0;
     }
     if (planned)
-      plan();
+      plan(0);
     else if (budget_ > 0)
       trainer_.set_planned_steps(kNoPlan);
     if (callbacks_.went_back) callbacks_.went_back(reason, trainer_.steps_done());
@@ -216,11 +217,11 @@ class Run {
   const RunCallbacks& callbacks_;
   const std::filesystem::path& checkpoint_;
   const Cancel* cancel_;
-  double budget_;         // seconds; 0: the plan is given in steps
+  double budget_;  // seconds; 0: the plan is given in steps
   double photo_opacity_;
   RunResult result_;
   SpeedMeter speed_;
-  double opacity_ = 0;    // of the last steps' rays
+  double opacity_ = 0;  // of the last steps' rays
   double next_save_ = 0, next_evaluation_ = 0;
   bool have_checkpoint_ = false, stopped_ = false;
 };
@@ -228,8 +229,7 @@ class Run {
 }  // namespace
 
 RunResult run_training(Trainer& trainer, const RunOptions& options, const RunCallbacks& callbacks,
-                       const std::filesystem::path& checkpoint, bool resume,
-                       const Cancel* cancel) {
+                       const std::filesystem::path& checkpoint, bool resume, const Cancel* cancel) {
   Run run(trainer, options, callbacks, checkpoint, cancel);
   if (resume) run.resume();
   return run.run();

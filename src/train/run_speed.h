@@ -15,8 +15,8 @@ class SpeedMeter {
  public:
   void add(double seconds, const StepReport& report) {
     const double mse = std::pow(10.0, -report.psnr / 10);
-    recent_.push_back({seconds, static_cast<double>(report.samples),
-                       static_cast<double>(report.rays), mse});
+    recent_.push_back(
+        {seconds, static_cast<double>(report.samples), static_cast<double>(report.rays), mse});
     total_ = total_ + recent_.back();
     while (total_.seconds > kWindowSeconds && recent_.size() > kWindowSteps) {
       total_ = total_ - recent_.front();

@@ -58,9 +58,12 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
   frame.add(scene.far);
   frame.add(uint64_t{scene.unbounded});
   frame.add(uint64_t{scene.alpha});
-  return {{"names of the images", names.text()}, {"sizes of the photos", sizes.text()},
-          {"split into training and test", split.text()}, {"cameras", cameras.text()},
-          {"poses", poses.text()},  {"region and up direction", frame.text()}};
+  return {{"names of the images", names.text()},
+          {"sizes of the photos", sizes.text()},
+          {"split into training and test", split.text()},
+          {"cameras", cameras.text()},
+          {"poses", poses.text()},
+          {"region and up direction", frame.text()}};
 }
 
 }  // namespace nerf::internal

@@ -1,6 +1,6 @@
 // A scalar that tells how large rounding errors may become (running error analysis, Higham 2002,
-// section 3.3, to first order). A reference template run on it gives tolerances for the same function
-// computed in float, without a word about the function.
+// section 3.3, to first order). A reference template run on it gives tolerances for the same
+// function computed in float, without a word about the function.
 #pragma once
 
 #include <cmath>
@@ -8,8 +8,9 @@
 namespace nerf {
 
 // Beside a value stands what it would be had nothing cancelled: a computation in which every result
-// went through at most k roundings is off by at most k u size. The same for the derivative along one
-// input, where reverse mode adds and multiplies the same terms as forward mode, in another order.
+// went through at most k roundings is off by at most k u size. The same for the derivative along
+// one input, where reverse mode adds and multiplies the same terms as forward mode, in another
+// order.
 struct Magnitude {
   double value = 0, size = 0, slope = 0;
   Magnitude() = default;

@@ -66,7 +66,9 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
   static const LinearWeights other{w[1].offset + w[1].size(), 6, 9};
   static const LinearWeights third{other.offset + other.size(), 7, 2};
   const std::vector<LinearWeights> all{w[0], w[1], other, third};
-  check_operation({"relu_one_layer", {{7, kSamples, true}}, w,
+  check_operation({"relu_one_layer",
+                   {{7, kSamples, true}},
+                   w,
                    [](Tape& t, const Values& v) {
                      return Values{linear(t, linear(t, v[0], w[0], kRelu), w[1], kPlain)};
                    },
@@ -74,7 +76,9 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                   []<class T>(const Given<T>& v) -> Outputs<T> {
                     return {on_columns::mlp(v[0], v.weights, w)};
                   });
-  check_operation({"relu_two_layers", {{7, kSamples, true}}, all,
+  check_operation({"relu_two_layers",
+                   {{7, kSamples, true}},
+                   all,
                    [](Tape& t, const Values& v) {
                      const Value a = linear(t, v[0], w[0], kRelu);
                      const Value y = linear(t, a, w[1], kRelu), z = linear(t, a, other, kPlain);
@@ -87,7 +91,9 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                             on_columns::linear(a, v.weights, other, false),
                             on_columns::linear(v[0], v.weights, third, true)};
                   });
-  check_operation({"relu_layer_and_loss", {{7, kSamples, true}}, w,
+  check_operation({"relu_layer_and_loss",
+                   {{7, kSamples, true}},
+                   w,
                    [](Tape& t, const Values& v) {
                      const Value a = linear(t, v[0], w[0], kRelu);
                      return Values{a, linear(t, a, w[1], kPlain)};
@@ -97,7 +103,9 @@ TEST(Gradient, ReluWithEveryKindOfReader) {
                     const auto a = on_columns::linear(v[0], v.weights, w[0], true);
                     return {a, on_columns::linear(a, v.weights, w[1], false)};
                   });
-  check_operation({"relu_sigmoid_and_layer", {{7, kSamples, true}}, w,
+  check_operation({"relu_sigmoid_and_layer",
+                   {{7, kSamples, true}},
+                   w,
                    [](Tape& t, const Values& v) {
                      const Value a = linear(t, v[0], w[0], kRelu);
                      const Value y = linear(t, a, w[1], kPlain);
@@ -128,14 +136,17 @@ TEST(Gradient, Mlp) {
 
 TEST(Gradient, Concat) {
   for (int needs = 1; needs < 4; ++needs)  // which of the two need a gradient
-    check_operation({"concat",
-                     {{3, kSamples, (needs & 1) != 0}, {5, kSamples, (needs & 2) != 0}},
-                     {},
-                     [](Tape& t, const Values& v) { return Values{concat(t, v[0], v[1])}; },
-                     80},
-                    []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::concat(v[0], v[1])}; });
+    check_operation(
+        {"concat",
+         {{3, kSamples, (needs & 1) != 0}, {5, kSamples, (needs & 2) != 0}},
+         {},
+         [](Tape& t, const Values& v) { return Values{concat(t, v[0], v[1])}; },
+         80},
+        []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::concat(v[0], v[1])}; });
   // Values that have other readers, and a value beside itself.
-  check_operation({"concat_shared", {{3, kRays, true}, {5, kRays, true}}, {},
+  check_operation({"concat_shared",
+                   {{3, kRays, true}, {5, kRays, true}},
+                   {},
                    [](Tape& t, const Values& v) {
                      const Value a = concat(t, v[0], v[1]), b = concat(t, v[1], v[0]);
                      return Values{a, b, concat(t, v[0], v[0]), v[1]};
@@ -149,7 +160,9 @@ TEST(Gradient, Concat) {
 
 TEST(Gradient, Slice) {
   for (const auto& [first, rows] : {std::pair{0, 1}, {0, 6}, {2, 3}, {5, 1}})
-    check_operation({"slice", {{6, kSamples, true}}, {},
+    check_operation({"slice",
+                     {{6, kSamples, true}},
+                     {},
                      [=](Tape& t, const Values& v) { return Values{slice(t, v[0], first, rows)}; },
                      80},
                     [=]<class T>(const Given<T>& v) -> Outputs<T> {
@@ -157,7 +170,9 @@ TEST(Gradient, Slice) {
                     });
   // Overlapping slices, one of them beside another reader: whichever runs backwards first must not
   // wipe out what the others add.
-  check_operation({"slice_shared", {{6, kSamples, true}}, {},
+  check_operation({"slice_shared",
+                   {{6, kSamples, true}},
+                   {},
                    [](Tape& t, const Values& v) {
                      const Value a = slice(t, v[0], 0, 4), y = sigmoid(t, v[0]);
                      return Values{a, y, slice(t, v[0], 3, 3), slice(t, a, 1, 2)};
@@ -173,22 +188,31 @@ TEST(Gradient, Slice) {
 TEST(Gradient, TruncatedExp) {
   for (double range : {3.0, 40.0})  // beyond both kinks, where the slope is by definition
     for (Domain domain : {kSamples, kRays})
-      check_operation({"truncated_exp", {{2, domain, true, -range, range}}, {},
+      check_operation({"truncated_exp",
+                       {{2, domain, true, -range, range}},
+                       {},
                        [](Tape& t, const Values& v) { return Values{truncated_exp(t, v[0])}; },
                        80},
-                      []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::truncated_exp(v[0])}; });
+                      []<class T>(const Given<T>& v) -> Outputs<T> {
+                        return {on_columns::truncated_exp(v[0])};
+                      });
 }
 
 TEST(Gradient, Sigmoid) {
-  check_operation({"sigmoid", {{3, kSamples, true, -6, 6}}, {},
-                   [](Tape& t, const Values& v) { return Values{sigmoid(t, v[0])}; },
-                   80},
-                  []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::sigmoid(v[0])}; });
+  check_operation(
+      {"sigmoid",
+       {{3, kSamples, true, -6, 6}},
+       {},
+       [](Tape& t, const Values& v) { return Values{sigmoid(t, v[0])}; },
+       80},
+      []<class T>(const Given<T>& v) -> Outputs<T> { return {on_columns::sigmoid(v[0])}; });
 }
 
 // Two functions of one value, one after the other: the second to run backwards adds.
 TEST(Gradient, ElementwiseWithSeveralReaders) {
-  check_operation({"elementwise_shared", {{4, kSamples, true, -3, 3}}, {},
+  check_operation({"elementwise_shared",
+                   {{4, kSamples, true, -3, 3}},
+                   {},
                    [](Tape& t, const Values& v) {
                      const Value a = truncated_exp(t, v[0]), b = sigmoid(t, v[0]);
                      const Value c = sigmoid(t, a), d = truncated_exp(t, b);
@@ -203,7 +227,9 @@ TEST(Gradient, ElementwiseWithSeveralReaders) {
 
 TEST(Gradient, ViewCode) {
   static const auto w = place({kSphericalHarmonics, 3});
-  check_operation({"view_code", {{3, kRays, false, -1, 1, /*unit=*/true}}, w,
+  check_operation({"view_code",
+                   {{3, kRays, false, -1, 1, /*unit=*/true}},
+                   w,
                    [](Tape& t, const Values& v) {
                      const Value code = view_code(t, v[0]);
                      return Values{code, linear(t, code, w[0], kPlain)};
@@ -227,7 +253,8 @@ TEST(Gradient, Composite) {
                      [](Tape& t, const Values& v) {
                        return Values{composite(t, v[0], v[1], v[2], v[3]).pixel};
                      },
-                     300},
+                     300,
+                     /*shared=*/1},
                     []<class T>(const Given<T>& v) -> Outputs<T> {
                       return {on_columns::composite(v[0], v[1], v[2], v[3], v.rays).first};
                     });
@@ -236,15 +263,18 @@ TEST(Gradient, Composite) {
 // The weights that compositing leaves behind, and through the rest of a pixel's path.
 TEST(Gradient, CompositeBehindActivations) {
   check_operation({"composite_weights",
-                   {{1, kSamples, true, -4, 4}, {3, kSamples, true, -3, 3},
-                    {1, kSamples, false, 0.01, 0.3}, {3, kRays, false, 0, 1}},
+                   {{1, kSamples, true, -4, 4},
+                    {3, kSamples, true, -3, 3},
+                    {1, kSamples, false, 0.01, 0.3},
+                    {3, kRays, false, 0, 1}},
                    {},
                    [](Tape& t, const Values& v) {
                      const Value density = truncated_exp(t, v[0]), colour = sigmoid(t, v[1]);
                      const Composite image = composite(t, density, colour, v[2], v[3]);
                      return Values{image.pixel};
                    },
-                   300},
+                   300,
+                   /*shared=*/1},
                   []<class T>(const Given<T>& v) -> Outputs<T> {
                     const auto density = on_columns::truncated_exp(v[0]);
                     const auto colour = on_columns::sigmoid(v[1]);
@@ -254,18 +284,19 @@ TEST(Gradient, CompositeBehindActivations) {
 
 TEST(Gradient, HuberLoss) {
   for (double delta : {0.1, 0.5, 100.0})
-    check_operation({"huber_loss",
-                     {{4, kRays, true, -0.2, 1.2}, {3, kRays, false, 0, 1}, {1, kRays, false, 0.01, 1}},
-                     {},
-                     [=](Tape& t, const Values& v) {
-                       huber_loss(t, v[0], v[1], v[2], static_cast<float>(delta));
-                       return Values{};
-                     },
-                     40},
-                    [=]<class T>(const Given<T>& v) -> Outputs<T> {
-                      return {on_columns::huber_loss(v[0], v[1], v[2],
-                                                     static_cast<double>(static_cast<float>(delta)))};
-                    });
+    check_operation(
+        {"huber_loss",
+         {{4, kRays, true, -0.2, 1.2}, {3, kRays, false, 0, 1}, {1, kRays, false, 0.01, 1}},
+         {},
+         [=](Tape& t, const Values& v) {
+           huber_loss(t, v[0], v[1], v[2], static_cast<float>(delta));
+           return Values{};
+         },
+         40},
+        [=]<class T>(const Given<T>& v) -> Outputs<T> {
+          return {on_columns::huber_loss(v[0], v[1], v[2],
+                                         static_cast<double>(static_cast<float>(delta)))};
+        });
 }
 
 // A loss straight behind a layer over rays: columns that are padding must not reach its weights.

@@ -42,7 +42,8 @@ Columns<T> linear(const Columns<T>& x, const std::vector<T>& weights, const Line
 }
 
 template <class T>
-Columns<T> mlp(Columns<T> x, const std::vector<T>& weights, const std::vector<LinearWeights>& layers) {
+Columns<T> mlp(Columns<T> x, const std::vector<T>& weights,
+               const std::vector<LinearWeights>& layers) {
   for (size_t i = 0; i < layers.size(); ++i)
     x = linear(x, weights, layers[i], i + 1 < layers.size());
   return x;
@@ -70,9 +71,10 @@ template <class T>
 Columns<T> sigmoid(const Columns<T>& x) {
   return each_element(x, [](T v) {
     const T y = reference::sigmoid(v);
-    // The tape takes the slope from the rounded output, y (1 - y): next to 1 an error of y is one of
-    // the whole difference.
-    if constexpr (std::is_same_v<T, Magnitude>) return Magnitude(y.value, y.size, y.slope + v.slope * y.size);
+    // The tape takes the slope from the rounded output, y (1 - y): next to 1 an error of y is one
+    // of the whole difference.
+    if constexpr (std::is_same_v<T, Magnitude>)
+      return Magnitude(y.value, y.size, y.slope + v.slope * y.size);
     return y;
   });
 }

@@ -20,7 +20,8 @@ struct SmallNetwork {
     a = linear(tape, x, first, LinearActivation::kRelu);
     operations_of_a = tape.operations();
     y = linear(tape, a, second, LinearActivation::kNone);
-    tape.record(std::make_unique<Probe>(std::vector<Value>{y}, tape.output(1, Domain::kRays, {&y, 1})));
+    tape.record(
+        std::make_unique<Probe>(std::vector<Value>{y}, tape.output(1, Domain::kRays, {&y, 1})));
     tape.plan();
     weights = AlignedArray<float>(first.size() + second.size());
     gradient = AlignedArray<float>(weights.size());
@@ -40,7 +41,8 @@ struct SmallNetwork {
     chunk.weights = weights.data();
     chunk.weight_gradient = gradient.data();
     for (int k = 0; k < 3; ++k)
-      for (int s = 0; s < samples; ++s) chunk.data(x)[k * chunk.stride(x) + s] = uniform(random, -1, 1);
+      for (int s = 0; s < samples; ++s)
+        chunk.data(x)[k * chunk.stride(x) + s] = uniform(random, -1, 1);
   }
 
   std::vector<float> outputs(const Chunk& chunk) const {

@@ -141,6 +141,8 @@ TEST(Options, RefusedTextNamesWhatIsAllowedAndChangesNothing) {
     EXPECT_NE(error("big", text), "no error") << text;
   for (const char* text : {"", "nan", "inf", "-inf", "0", "-1", "1e39", "none"})
     EXPECT_NE(error("rate", text), "no error") << text;
+  for (const char* text : {"inf", "nan", "1e400", "0"})
+    EXPECT_NE(error("near", text), "no error") << text;
   for (const char* text : {"-0.1", "1", "1.5"}) EXPECT_NE(error("share", text), "no error") << text;
   for (const char* text : {"-1", "256", "18446744073709551616"})
     EXPECT_NE(error("small", text), "no error") << text;

@@ -58,6 +58,15 @@ TEST(Process, EnvironmentIsAddedAndReplaced) {
             (std::vector<std::string>{"new stays path"}));
 }
 
+TEST(Process, RunsInAFolder) {
+  const TempFolder folder;
+  ProcessOptions options;
+  options.folder = folder.path();
+  EXPECT_EQ(lines_of({"pwd"}, options), (std::vector<std::string>{folder.path().string()}));
+  options.folder = folder / "none";
+  EXPECT_THROW(run_process({"pwd"}, options), Error);
+}
+
 TEST(Process, OutputAsBytesAndErrorsAsLines) {
   std::vector<uint8_t> bytes;
   std::vector<std::string> lines;

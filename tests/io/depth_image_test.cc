@@ -34,15 +34,15 @@ TEST(DepthImage, TurboFollowsThePublishedTable) {
 }
 
 TEST(DepthImage, RangeIsWeightedByAlpha) {
-  // Ten pixels: 1 ... 10, of which the far five weigh next to nothing.
+  // Ten pixels: 1 ... 10, of which the near five weigh next to nothing.
   std::vector<float> depth, alpha;
   for (int i = 10; i >= 1; --i) {
     depth.push_back(static_cast<float>(i));
-    alpha.push_back(i <= 5 ? 1.0f : 0.001f);
+    alpha.push_back(i > 5 ? 1.0f : 0.001f);
   }
   const DepthRange range = depth_range(depth, alpha, 0.1, 0.9);
-  EXPECT_EQ(range.near, 1);
-  EXPECT_EQ(range.far, 5);
+  EXPECT_EQ(range.near, 6);
+  EXPECT_EQ(range.far, 10);
   const std::vector<float> opaque(10, 1.0f);
   const DepthRange even = depth_range(depth, opaque, 0.15, 0.75);
   EXPECT_EQ(even.near, 2);

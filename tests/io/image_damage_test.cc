@@ -111,13 +111,13 @@ TEST_P(Damage, JpegAndPngWithoutTheirEndAreErrors) {
 TEST_P(Damage, EveryFlippedBitOfPngPixelsIsFound) {
   if (std::string(GetParam().name) != "png") return;
   testing::internal::CaptureStderr();
-  for (size_t at = 8; at < bytes_.size() - 12; at += at < 64 ? 1 : 37) {
+  for (size_t at = 0; at < bytes_.size() - 12; at += at < 64 ? 1 : 37) {
     std::vector<uint8_t> damaged = bytes_;
     damaged[at] ^= static_cast<uint8_t>(1 << at % 8);
     put(damaged);
     std::vector<uint8_t> pixels = whole_;
     const std::string error = error_of([&] { pixels = read_image_8bit(path_).pixels; });
-    if (error.empty()) EXPECT_EQ(pixels, whole_) << at;  // only in what can be left out
+    EXPECT_TRUE(!error.empty() || pixels == whole_) << at;  // in what can be left out
   }
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }

@@ -1,5 +1,7 @@
 #include "nerf/io/photos.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -278,7 +280,7 @@ TEST_F(Photos, TwoPercentOfRatioAreRounding) {
 
 TEST_F(Photos, TruncatedPhotoAmongManyIsNamed) {
   for (int i = 0; i < 8; ++i) {
-    add("p" + std::to_string(i) + ".jpg", {64, 48, 3, OIIO::TypeDesc::UINT8, {}}, texture);
+    add(fmt::format("p{}.jpg", i), {64, 48, 3, OIIO::TypeDesc::UINT8, {}}, texture);
   }
   EXPECT_EQ(error(), "");
   const auto path = folder_ / "p5.jpg";
@@ -290,7 +292,7 @@ TEST_F(Photos, TruncatedPhotoAmongManyIsNamed) {
 
 TEST_F(Photos, ResultDoesNotDependOnThreads) {
   for (int i = 0; i < 6; ++i) {
-    add("p" + std::to_string(i) + ".jpg", {61, 47, 3, OIIO::TypeDesc::UINT8, {}},
+    add(fmt::format("p{}.jpg", i), {61, 47, 3, OIIO::TypeDesc::UINT8, {}},
         [i](int x, int y, int c) { return texture(x + i, y, c); });
   }
   const PhotoSet one = load(2, 1), three = load(2, 3);
@@ -299,7 +301,7 @@ TEST_F(Photos, ResultDoesNotDependOnThreads) {
 
 TEST_F(Photos, ProgressCountsUpOneAtATime) {
   for (int i = 0; i < 5; ++i) {
-    add("p" + std::to_string(i) + ".png", {16, 16, 3, OIIO::TypeDesc::UINT8, {}}, texture);
+    add(fmt::format("p{}.png", i), {16, 16, 3, OIIO::TypeDesc::UINT8, {}}, texture);
   }
   ThreadPool pool(3);
   std::vector<int> calls;

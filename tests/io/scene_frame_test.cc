@@ -134,7 +134,7 @@ TEST(EstimateFocus, AxesThatMeet) {
 TEST(EstimateFocus, AFewStrayCamerasDoNotMoveIt) {
   std::vector<Pose> poses = arc(30, 300);
   poses[3] = look_at({4, 0, 1}, {4, 9, 1});
-  poses[17] = look_at({-4, 0, 1}, {-4, 9, 5});
+  poses[17] = look_at({5, 0, 1}, {5, 9, 1.5});
   const auto focus = estimate_focus(views_of(poses));
   ASSERT_TRUE(focus);
   EXPECT_LT(length(*focus), 0.15);

@@ -41,6 +41,9 @@ TEST(LoadScene, ColmapCapture) {
   TempFolder folder;
   TestModel model = ring_model(17, 60);
   std::reverse(model.images.begin(), model.images.end());  // the model's order is not the names'
+  const Vec3d eye = ring_pose(16, 17).translation;
+  model.points[0].position = eye * 0.9;
+  model.points[0].track = {{17, 0}, {16, 0}, {15, 0}};
   write_capture(model, folder.path());
   write_picture(folder / "images" / "sub" / "unregistered.png");
   const Scene scene = load_scene(folder.path());
@@ -65,6 +68,8 @@ TEST(LoadScene, ColmapCapture) {
   EXPECT_NEAR(report.mean_reprojection_error, 0.5, 1e-12);
   EXPECT_EQ(report.camera_models, std::vector<std::string>{"PINHOLE 40x30"});
   EXPECT_GT(report.up.z, 0.999);
+  // Half of what the image right behind the first point sees: its observations are still its own.
+  EXPECT_NEAR(report.near, 0.5 * 0.1 * length(eye), 1e-6);
   EXPECT_GE(report.memory_estimate_bytes, 17u * 40 * 30 * 3);
   EXPECT_GT(report.memory_limit_bytes, 0u);
   EXPECT_TRUE(report.warnings.empty());
@@ -131,9 +136,11 @@ TEST(LoadScene, ColmapBeforeTransformsAndFormatOverrides) {
   write_capture(ring_model(6), folder.path());
   for (int i = 0; i < 6; ++i) write_picture(folder / "images" / fmt::format("{}.png", i));
   write_text(folder / "transforms.json", transforms_text(6, "images/", ".png", kFieldOfView));
+  write_text(folder / "poses_bounds.npy", "");
   const Scene colmap = load_scene(folder.path());
   EXPECT_EQ(colmap.report.format, "COLMAP binary, sparse/0");
-  EXPECT_EQ(colmap.report.ignored, std::vector<std::string>{"transforms.json"});
+  EXPECT_EQ(colmap.report.ignored,
+            (std::vector<std::string>{"transforms.json", "poses_bounds.npy"}));
 
   SceneOptions options;
   options.format = SceneFormat::kTransforms;

@@ -108,6 +108,9 @@ TEST_F(Transforms, FieldOfViewGivesTheFocalLength) {
   EXPECT_EQ(input.cameras[0].cy(), 15);
   root["camera_angle_y"] = 2 * std::atan(0.25);
   EXPECT_NEAR(read(root).cameras[0].fy(), 60, 1e-9);
+  root = transforms();
+  root.erase("fl_x");
+  EXPECT_EQ(read(root).cameras[0].fx(), 51);
 }
 
 TEST_F(Transforms, FramesMayHaveIntrinsicsOfTheirOwn) {

@@ -56,7 +56,8 @@ TEST(Adam, DenseStep) {
   for_each_target([&](const std::string&) {
     Random random(41, 0, 0);
     for (const AdamStep& options :
-         {AdamStep{}, AdamStep{.rate = 0.3f, .beta1 = 0.8f, .beta2 = 0.999f, .epsilon = 1e-3f, .l2 = 0.01f}})
+         {AdamStep{},
+          AdamStep{.rate = 0.3f, .beta1 = 0.8f, .beta2 = 0.999f, .epsilon = 1e-3f, .l2 = 0.01f}})
       for (int64_t step : {1, 2, 17, 1000, 1000000})
         for (int64_t n : {0, 16, 32, 240}) {
           // 16 more that must not change.
@@ -112,7 +113,8 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
   WorstError worst("rows");
   for_each_target([&](const std::string&) {
     Random random(42, 0, 0);
-    const AdamStep options{.rate = 0.02f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
+    const AdamStep options{
+        .rate = 0.02f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
     std::vector<float> correction(2 * kBiasCorrections);
     bias_corrections(options, correction.data());
     for (int64_t rows : {0, 8, 16, 240}) {
@@ -137,7 +139,8 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
           ASSERT_EQ(steps[r], steps_before[r]) << r;
           ASSERT_EQ(touched[r], were_touched[r]) << r;
           for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
-            ASSERT_EQ(std::memcmp((s.*member).data() + 4 * r, (before.*member).data() + 4 * r, 16), 0)
+            ASSERT_EQ(std::memcmp((s.*member).data() + 4 * r, (before.*member).data() + 4 * r, 16),
+                      0)
                 << "row " << r;
           continue;
         }

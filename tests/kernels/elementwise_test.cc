@@ -26,7 +26,8 @@ constexpr double kExpError = 2 * kRoundoff, kExpm1Error = 8 * kRoundoff;
 // Numbers over the whole range and at every place where a function changes its form.
 std::vector<float> arguments() {
   std::vector<float> out = {0.0f, -0.0f, 1e-30f, -1e-30f, 1e-7f, -1e-7f};
-  for (float kink : {15.0f, 30.0f, 80.0f, 88.0f, 88.8f, 104.0f, 127.0f, 178.0f, 200.0f, 1000.0f, 1e30f})
+  for (float kink :
+       {15.0f, 30.0f, 80.0f, 88.0f, 88.8f, 104.0f, 127.0f, 178.0f, 200.0f, 1000.0f, 1e30f})
     for (float sign : {-1.0f, 1.0f})
       for (float at : {std::nextafter(kink, 0.0f), kink, std::nextafter(kink, kInf)})
         out.push_back(sign * at);
@@ -56,11 +57,13 @@ TEST(Elementwise, TruncatedExp) {
     truncated_exp_backward(x.n, x.data.data(), dy.data.data(), dx.data.data());
     for (int64_t i = 0; i < x.n; ++i) {
       const double at = x.at(0, i), g = dy.at(0, i);
-      const double want = std::isfinite(at) ? reference::truncated_exp(at) : at < 0 ? 0 : std::exp(30);
+      const double want = std::isfinite(at) ? reference::truncated_exp(at)
+                          : at < 0          ? 0
+                                            : std::exp(30);
       forward.compare(y.at(0, i), want, kExpError * want + kTiny, "x", at);
       const double slope = reference::truncated_exp_slope(at);
-      backward.compare(dx.at(0, i), slope * g, (kExpError + kRoundoff) * std::fabs(slope * g) + kTiny,
-                       "x", at);
+      backward.compare(dx.at(0, i), slope * g,
+                       (kExpError + kRoundoff) * std::fabs(slope * g) + kTiny, "x", at);
     }
     y.expect_untouched_beyond_padding();
     dx.expect_untouched_beyond_padding();
@@ -86,7 +89,8 @@ TEST(Elementwise, Sigmoid) {
       const double want = std::isfinite(at) ? reference::sigmoid(at) : at < 0 ? 0 : 1;
       forward.compare(y.at(0, i), want, (kExpError + 2 * kRoundoff) * want + kTiny, "x", at);
       const double slope = reference::sigmoid_slope(static_cast<double>(y.at(0, i)));
-      backward.compare(dx.at(0, i), slope * g, 2 * kRoundoff * std::fabs(slope * g) + kTiny, "x", at);
+      backward.compare(dx.at(0, i), slope * g, 2 * kRoundoff * std::fabs(slope * g) + kTiny, "x",
+                       at);
     }
     y.expect_untouched_beyond_padding();
     dx.expect_untouched_beyond_padding();
@@ -112,8 +116,7 @@ TEST(Elementwise, Opacity) {
     Matrix alpha(1, density.n);
     opacity(density.n, density.data.data(), delta.data.data(), alpha.data.data());
     for (int64_t i = 0; i < density.n; ++i) {
-      const double want =
-          reference::opacity<double>(density.at(0, i), delta.at(0, i));
+      const double want = reference::opacity<double>(density.at(0, i), delta.at(0, i));
       worst.compare(alpha.at(0, i), want, (kExpm1Error + kRoundoff) * want + kTiny, "density",
                     density.at(0, i), "delta", delta.at(0, i));
       EXPECT_LE(alpha.at(0, i), 1.0f);
@@ -124,7 +127,8 @@ TEST(Elementwise, Opacity) {
   worst.report();
 }
 
-// Every count: results for all n values, nothing beyond the padding, the same bits as for any other.
+// Every count: results for all n values, nothing beyond the padding, the same bits as for any
+// other.
 TEST(Elementwise, EveryCount) {
   for_each_target([&](const std::string&) {
     Random random(27, 0, 0);
@@ -145,7 +149,8 @@ TEST(Elementwise, EveryCount) {
       for (int64_t i = 0; i < part[5].padded; ++i) part[5].at(0, i) = b.at(0, i);
       run(n, part);
       for (int f = 0; f < 6; ++f) {
-        for (int64_t i = 0; i < n; ++i) ASSERT_EQ(part[f].at(0, i), full[f].at(0, i)) << f << ' ' << i;
+        for (int64_t i = 0; i < n; ++i)
+          ASSERT_EQ(part[f].at(0, i), full[f].at(0, i)) << f << ' ' << i;
         part[f].expect_untouched_beyond_padding();
       }
     }

@@ -23,7 +23,8 @@ ref::GridLevel reference_level(const HashGridLevel& l) {
 // Dense and hashed levels, coarse to so fine that float places have few digits left in a cell.
 std::vector<HashGridLevel> levels() {
   std::vector<HashGridLevel> out;
-  for (const HashGridShape& shape : {hash_grid_shape(4, 12, 4, 100), hash_grid_shape(3, 8, 16, 5000)})
+  for (const HashGridShape& shape :
+       {hash_grid_shape(4, 12, 4, 100), hash_grid_shape(3, 8, 16, 5000)})
     out.insert(out.end(), shape.levels.begin(), shape.levels.end());
   return out;
 }
@@ -59,8 +60,8 @@ TEST(HashGrid, Forward) {
       for (int64_t n : kCounts) {
         const Positions positions(n, random);
         Matrix features(kGridFeatures, n);
-        hash_grid_forward(level, table.data(), positions.row(0), positions.row(1),
-                          positions.row(2), n, features.data.data(), features.ld);
+        hash_grid_forward(level, table.data(), positions.row(0), positions.row(1), positions.row(2),
+                          n, features.data.data(), features.ld);
         for (int64_t s = 0; s < n; ++s) {
           const auto want = ref::grid_interpolate(reference_level(level), exact, positions.at(s));
           // Entries of at most 1: the weights' errors, two products each, and a sum of 8.
@@ -76,8 +77,8 @@ TEST(HashGrid, Forward) {
   worst.report();
 }
 
-// Table gradients are the sum over samples of the template's; rows that no sample reaches stay 0 and
-// unflagged, whatever was in the gradient before is added to.
+// Table gradients are the sum over samples of the template's; rows that no sample reaches stay 0
+// and unflagged, whatever was in the gradient before is added to.
 TEST(HashGrid, BackwardIsTheSumOverSamples) {
   WorstError worst("backward");
   for_each_target([&](const std::string&) {
@@ -125,8 +126,8 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
             worst.compare(gradient[i], want[i],
                           rounding_bound(static_cast<double>(n) + 4) * size[i] +
                               place_error(level) * most[row],
-                          "scale", level.scale, "dense", level.dense, "n", n, "row", row,
-                          "feature", f);
+                          "scale", level.scale, "dense", level.dense, "n", n, "row", row, "feature",
+                          f);
             sum += std::fabs(want[i]);
           }
           // A corner of weight ~0 may fall to the neighbouring cell where the place was rounded.
@@ -157,7 +158,8 @@ TEST(HashGrid, CornersMatchGolden) {
       level.dense = v[3] != 0;
       Matrix p(3, 1), g(kGridFeatures, 1);
       for (int i = 0; i < 3; ++i)
-        for (int64_t s = 0; s < p.padded; ++s) p.at(i, s) = static_cast<float>(v[4 + static_cast<size_t>(i)]);
+        for (int64_t s = 0; s < p.padded; ++s)
+          p.at(i, s) = static_cast<float>(v[4 + static_cast<size_t>(i)]);
       for (int f = 0; f < kGridFeatures; ++f)
         for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0f : 0.0f;
       AlignedArray<float> gradient(uint64_t{level.entries} * kGridFeatures);
@@ -177,7 +179,8 @@ TEST(HashGrid, CornersMatchGolden) {
         }
         EXPECT_EQ(touched[row], 1) << "scale " << v[0] << " corner " << c;
         EXPECT_EQ(gradient[size_t{row} * 4], static_cast<float>(sum))
-            << "scale " << v[0] << " place " << v[4] << ' ' << v[5] << ' ' << v[6] << " corner " << c;
+            << "scale " << v[0] << " place " << v[4] << ' ' << v[5] << ' ' << v[6] << " corner "
+            << c;
         expected += first;
       }
       for (uint32_t row = 0; row < level.entries; ++row) flagged += touched[row];
@@ -189,8 +192,8 @@ TEST(HashGrid, CornersMatchGolden) {
 TEST(HashGrid, ShapesMatchGolden) {
   for (const std::vector<double>& v : golden_lines("encodings.txt", "shape")) {
     const int count = static_cast<int>(v[0]);
-    const HashGridShape shape = hash_grid_shape(count, static_cast<int>(v[1]),
-                                                static_cast<int>(v[2]), v[3]);
+    const HashGridShape shape =
+        hash_grid_shape(count, static_cast<int>(v[1]), static_cast<int>(v[2]), v[3]);
     ASSERT_EQ(shape.levels.size(), static_cast<size_t>(count));
     ASSERT_EQ(v.size(), 4 + 5 * shape.levels.size());
     EXPECT_EQ(shape.features(), 4 * count);

@@ -35,8 +35,8 @@ inline float uniform(Random& random, double low, double high) {
   return static_cast<float>(low + (high - low) * static_cast<double>(random.uniform()));
 }
 
-// [rows x n] with a stride beyond n rounded up. Padding columns are finite but not 0 unless they are
-// to be; whatever lies beyond them holds kCanary.
+// [rows x n] with a stride beyond n rounded up. Padding columns are finite but not 0 unless they
+// are to be; whatever lies beyond them holds kCanary.
 struct Matrix {
   static constexpr float kCanary = 12345.678f;
   enum class Padding { kNoise, kZero };

@@ -16,7 +16,8 @@ using Vector = std::vector<double>;
 
 // Weights [out x in], padded for the kernels and packed for the template.
 struct Layer {
-  Layer(int i, int o, Random& random) : in(i), out(o), w(static_cast<size_t>(o * weight_stride(i))) {
+  Layer(int i, int o, Random& random)
+      : in(i), out(o), w(static_cast<size_t>(o * weight_stride(i))) {
     for (int j = 0; j < out; ++j)
       for (int k = 0; k < in; ++k) {
         const float v = uniform(random, -1, 1);
@@ -101,7 +102,8 @@ TEST(Linear, BackwardInput) {
       for (int64_t s = 0; s < n; ++s) {
         const Vector g = dy.column(s), x(static_cast<size_t>(in));
         reference::linear_backward(layer.packed, x, g, g, false, want, dw, none);
-        reference::linear_backward(absolute(layer.packed), x, g, absolute(g), false, size, dw, none);
+        reference::linear_backward(absolute(layer.packed), x, g, absolute(g), false, size, dw,
+                                   none);
         for (int k = 0; k < in; ++k) {
           const size_t at = static_cast<size_t>(k);
           const bool open = !masked || relu_output.at(k, s) > 0;
@@ -159,7 +161,8 @@ TEST(Linear, BackwardWeights) {
     for (int64_t s = 0; s < n; ++s) {
       const Vector column = x.column(s), g = dy.column(s);
       reference::linear_backward(no_w, column, g, g, false, dx, want, want_bias);
-      reference::linear_backward(no_w, absolute(column), g, absolute(g), false, dx, size, size_bias);
+      reference::linear_backward(no_w, absolute(column), g, absolute(g), false, dx, size,
+                                 size_bias);
     }
     const double bound = rounding_bound(static_cast<double>(n + 1));
     for (int j = 0; j < out; ++j) {

@@ -13,8 +13,8 @@
 namespace nerf {
 namespace {
 
-// A norm (3 products, 2 sums, a root), two divisions, a difference, a product: 10 roundings, and the
-// inverse about as many.
+// A norm (3 products, 2 sums, a root), two divisions, a difference, a product: 10 roundings, and
+// the inverse about as many.
 constexpr double kOps = 10;
 
 TEST(Contraction, MatchesGoldenValues) {

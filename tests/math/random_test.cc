@@ -16,7 +16,8 @@ double chi_square_deviations(const std::vector<int64_t>& counts) {
   double total = 0, sum = 0;
   for (int64_t c : counts) total += static_cast<double>(c);
   const double expected = total / static_cast<double>(counts.size());
-  for (int64_t c : counts) sum += (static_cast<double>(c) - expected) * (static_cast<double>(c) - expected) / expected;
+  for (int64_t c : counts)
+    sum += (static_cast<double>(c) - expected) * (static_cast<double>(c) - expected) / expected;
   const double freedom = static_cast<double>(counts.size()) - 1;
   return (sum - freedom) / std::sqrt(2 * freedom);
 }

@@ -74,8 +74,8 @@ TEST(Reference, ReluPassesNothingAtAndBelowZero) {
 TEST(Reference, HuberIsContinuousAndHasItsSlope) {
   const double delta = 0.1;
   for (double side : {-1.0, 1.0}) {
-    EXPECT_NEAR(ref::huber(side * (delta - 1e-12), delta), ref::huber(side * (delta + 1e-12), delta),
-                1e-12);
+    EXPECT_NEAR(ref::huber(side * (delta - 1e-12), delta),
+                ref::huber(side * (delta + 1e-12), delta), 1e-12);
     for (double a : {0.0, 0.05, delta - 1e-9, delta + 1e-9, 0.7, 30.0}) {
       const double e = side * a;
       const double slope = ref::huber(Complex(e, kComplexStep), delta).imag() / kComplexStep;
@@ -158,7 +158,8 @@ TEST(Reference, CompositeByHand) {
   const std::vector<double> density(5, std::log(2.0)), delta(5, 1.0);
   const std::vector<std::array<double, 3>> colour(5, {1, 0.5, 0});
   const auto ray = ref::composite(density, colour, delta, {0, 0, 1});
-  for (size_t i = 0; i < 5; ++i) EXPECT_NEAR(ray.weights[i], std::ldexp(1.0, -1 - static_cast<int>(i)), 1e-15);
+  for (size_t i = 0; i < 5; ++i)
+    EXPECT_NEAR(ray.weights[i], std::ldexp(1.0, -1 - static_cast<int>(i)), 1e-15);
   EXPECT_NEAR(ray.pixel[0], 31.0 / 32, 1e-15);
   EXPECT_NEAR(ray.pixel[1], 31.0 / 64, 1e-15);
   EXPECT_NEAR(ray.pixel[2], 1.0 / 32, 1e-15);

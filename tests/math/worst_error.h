@@ -1,5 +1,6 @@
-// Comparison of many numbers, each with its own tolerance: the worst element is named when it is out
-// of bounds, and how much of its tolerance it used is recorded with the test's results either way.
+// Comparison of many numbers, each with its own tolerance: the worst element is named when it is
+// out of bounds, and how much of its tolerance it used is recorded with the test's results either
+// way.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -42,6 +43,7 @@ class WorstError {
   }
 
   double ratio() const { return worst_; }
+  int64_t count() const { return count_; }
 
   // Checks and records. At least one number must have been compared.
   void report() const {

@@ -1,9 +1,10 @@
+#include "model/model_file.h"
+
 #include <gtest/gtest.h>
 #include <zlib.h>
 
 #include <cstring>
 
-#include "model/model_file.h"
 #include "nerf/base/file.h"
 #include "nerf/math/random.h"
 #include "nerf/model/grid_field.h"
@@ -190,10 +191,12 @@ std::string reading_with(const std::string& from, const std::string& to) {
 
 TEST(ModelFile, HeadersOfOtherProgramsAreChecked) {
   EXPECT_EQ(reading_with("\"alpha\":true", "\"alpha\":false"), "");
-  EXPECT_TRUE(contains(reading_with("\"alpha\":true", "\"alpha\":1"), "alpha: expected true or false"));
+  EXPECT_TRUE(
+      contains(reading_with("\"alpha\":true", "\"alpha\":1"), "alpha: expected true or false"));
   EXPECT_TRUE(contains(reading_with("\"near\":0.01", "\"near\":null"), "near: expected a number"));
   EXPECT_TRUE(contains(reading_with("\"near\":0.01", "\"near\":1e999"), "not valid JSON"));
-  EXPECT_TRUE(contains(reading_with("\"method\":\"grid\"", "\"method\":\"nerf\""), "'nerf' is no method"));
+  EXPECT_TRUE(
+      contains(reading_with("\"method\":\"grid\"", "\"method\":\"nerf\""), "'nerf' is no method"));
   EXPECT_TRUE(contains(reading_with("\"RADIAL\"", "\"RADIO\""), "views[0]: camera: model"));
   EXPECT_TRUE(contains(reading_with("\"width\":34", "\"width\":0"), "views[1]: camera: width"));
   EXPECT_TRUE(contains(reading_with("[0.0,-1.0,0.0,", "[0.0,-1.5,0.0,"), "is not a rotation"));
@@ -220,7 +223,8 @@ TEST(ModelFile, AFailedSaveLeavesWhatWasThere) {
   test::TempFolder folder;
   sample_field().save(folder / "m");
   const auto before = read_file(folder / "m");
-  EXPECT_TRUE(contains(error_of([&] { sample_field().save(folder / "none" / "m"); }), "cannot write"));
+  EXPECT_TRUE(
+      contains(error_of([&] { sample_field().save(folder / "none" / "m"); }), "cannot write"));
   std::filesystem::create_directory(folder / "d");
   EXPECT_NE(error_of([&] { sample_field().save(folder / "d"); }), "");
   EXPECT_EQ(before, read_file(folder / "m"));

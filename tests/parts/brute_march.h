@@ -1,5 +1,5 @@
-// The matter on a ray by brute force, in double: the ray is cut by every plane of every cascade, and
-// the cell of each piece is that of its middle.
+// The matter on a ray by brute force, in double: the ray is cut by every plane of every cascade,
+// and the cell of each piece is that of its middle.
 #pragma once
 
 #include <algorithm>
@@ -12,8 +12,8 @@
 
 namespace nerf {
 
-// A stretch of matter, neighbouring occupied cells joined. slack0 and slack1: how far off its ends a
-// march in float may be, for the coordinates of a ray have 24 bits: a plane crossed at a shallow
+// A stretch of matter, neighbouring occupied cells joined. slack0 and slack1: how far off its ends
+// a march in float may be, for the coordinates of a ray have 24 bits: a plane crossed at a shallow
 // angle is met at another t.
 struct Stretch {
   double t0, t1, slack0, slack1;
@@ -54,8 +54,8 @@ inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int ca
   crossings.insert(crossings.begin(), {begin, first_axis});
   crossings.push_back({end, last_axis});
 
-  // Coordinates up to `half` and directions are rounded, and so is each of the three operations that
-  // find a border; the march steps over cascade borders by a few millionths.
+  // Coordinates up to `half` and directions are rounded, and so is each of the three operations
+  // that find a border; the march steps over cascade borders by a few millionths.
   const auto slack = [&](const Crossing& at) {
     const double along = at.t - begin, nudge = 4e-6 * (1 + along);
     if (at.axis < 0) return nudge;

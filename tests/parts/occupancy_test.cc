@@ -166,8 +166,8 @@ TEST(Occupancy, LevelsQuantiseOpacity) {
   }
 }
 
-// Occupied is what reaches min(threshold, mean of the cells that are on), and whatever shares a face
-// with a cell that is itself solid; brute force over all cells by their integer places.
+// Occupied is what reaches min(threshold, mean of the cells that are on), and whatever shares a
+// face with a cell that is itself solid; brute force over all cells by their integer places.
 TEST(Occupancy, RebuildAgainstBruteForce) {
   constexpr float kSolid = 0.1f;
   for (float threshold : {0.01f, 0.9f}) {  // the second above the mean
@@ -197,10 +197,10 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
       for (int64_t cell = 0; cell < kCells; ++cell) {
         const CellPlace p = place_of(cell, c);
         const float a = grid.opacity(c, cell);
-        const bool beside_solid = a >= kSolid || at(p.x - 1, p.y, p.z) >= kSolid ||
-                                  at(p.x + 1, p.y, p.z) >= kSolid || at(p.x, p.y - 1, p.z) >= kSolid ||
-                                  at(p.x, p.y + 1, p.z) >= kSolid || at(p.x, p.y, p.z - 1) >= kSolid ||
-                                  at(p.x, p.y, p.z + 1) >= kSolid;
+        const bool beside_solid =
+            a >= kSolid || at(p.x - 1, p.y, p.z) >= kSolid || at(p.x + 1, p.y, p.z) >= kSolid ||
+            at(p.x, p.y - 1, p.z) >= kSolid || at(p.x, p.y + 1, p.z) >= kSolid ||
+            at(p.x, p.y, p.z - 1) >= kSolid || at(p.x, p.y, p.z + 1) >= kSolid;
         const bool want = a >= 0 && (a >= limit || beside_solid);
         ASSERT_EQ(grid.levels()[static_cast<size_t>(c * kCells + cell)] != 0, want)
             << "cascade " << c << " cell " << p.x << ' ' << p.y << ' ' << p.z << " opacity " << a;

@@ -33,8 +33,8 @@ Vec3d random_point(Random& random, double half) {
           half * (2 * random.uniform() - 1.0)};
 }
 
-// Segments lie within `most` and cover `least` (the same where there is no doubt), up to the slack of
-// the stretches' ends; says what is wrong, or nothing.
+// Segments lie within `most` and cover `least` (the same where there is no doubt), up to the slack
+// of the stretches' ends; says what is wrong, or nothing.
 std::string difference(const RaySampler& sampler, const std::vector<Stretch>& most,
                        const std::vector<Stretch>& least) {
   std::ostringstream out;
@@ -53,8 +53,8 @@ std::string difference(const RaySampler& sampler, const std::vector<Stretch>& mo
     const double rounding = kRoundoff * 4 * (1 + s.t1) + 1e-15 * std::fabs(sampler.start());
     double inside = 0;
     for (const Stretch& w : most)
-      inside += std::max(0.0, std::min(b, w.t1 + w.slack1 + rounding) -
-                                  std::max(a, w.t0 - w.slack0 - rounding));
+      inside += std::max(
+          0.0, std::min(b, w.t1 + w.slack1 + rounding) - std::max(a, w.t0 - w.slack0 - rounding));
     // Thin gaps between stretches are counted twice by their slack: at least is what matters.
     if (!(inside >= (b - a) * (1 - 1e-6) - 1e-9))
       out << "segment " << a << " to " << b << " holds empty space; ";
@@ -85,17 +85,18 @@ struct Scene {
 };
 
 uint64_t hash_of(const CellPlace& p) {
-  return mix64(mix64(static_cast<uint64_t>(p.x + 128 * (p.y + 128 * p.z))) ^ static_cast<uint64_t>(p.cascade));
+  return mix64(mix64(static_cast<uint64_t>(p.x + 128 * (p.y + 128 * p.z))) ^
+               static_cast<uint64_t>(p.cascade));
 }
 
 const std::vector<Scene>& scenes() {
   static const std::vector<Scene> all = [] {
     std::vector<Scene> out;
     out.emplace_back("full", 1, [](const CellPlace&) -> uint8_t { return 30; });
-    out.emplace_back("noise", 1, [](const CellPlace& p) -> uint8_t { return hash_of(p) & 1 ? 100 : 0; });
-    out.emplace_back("checkerboard", 1, [](const CellPlace& p) -> uint8_t {
-      return (p.x + p.y + p.z) & 1 ? 9 : 0;
-    });
+    out.emplace_back("noise", 1,
+                     [](const CellPlace& p) -> uint8_t { return hash_of(p) & 1 ? 100 : 0; });
+    out.emplace_back("checkerboard", 1,
+                     [](const CellPlace& p) -> uint8_t { return (p.x + p.y + p.z) & 1 ? 9 : 0; });
     // Few bricks hold matter: most of the way is made in strides.
     out.emplace_back("sparse", 3, [](const CellPlace& p) -> uint8_t {
       const CellPlace brick{p.cascade, p.x / 4, p.y / 4, p.z / 4};
@@ -130,8 +131,8 @@ void march_and_compare(const Scene& scene, RaySampler& sampler, const Ray& ray,
   }
   if (wrong.empty()) return;
   const Vec3d &o = ray.origin, &d = ray.direction;
-  ADD_FAILURE() << scene.name << ", " << what << ": " << wrong << "origin " << o.x << ' ' << o.y << ' '
-                << o.z << " direction " << d.x << ' ' << d.y << ' ' << d.z;
+  ADD_FAILURE() << scene.name << ", " << what << ": " << wrong << "origin " << o.x << ' ' << o.y
+                << ' ' << o.z << " direction " << d.x << ' ' << d.y << ' ' << d.z;
 }
 
 TEST(RayMarch, RandomRays) {
@@ -224,8 +225,9 @@ TEST(RayMarch, Grazing) {
             ray.direction = {0.6, 0.6, 0.6};
             ray.direction[axis] = sign * slope;
             ray.direction = normalized(ray.direction);
-            march_and_compare(scene, sampler, ray,
-                              "grazing by " + std::to_string(sign * slope) + " at " + std::to_string(height));
+            march_and_compare(
+                scene, sampler, ray,
+                "grazing by " + std::to_string(sign * slope) + " at " + std::to_string(height));
             // The same, met from outside.
             ray.origin = ray.origin - ray.direction * (0.5 * half);
             march_and_compare(scene, sampler, ray, "grazing from before");
@@ -242,7 +244,8 @@ TEST(RayMarch, NearFarAndBehind) {
     Ray ray;
     ray.origin = random_point(random, 0.9);
     ray.direction = random_direction(random);
-    for (const auto& [near, far] : {std::pair{1e-9, 1e30}, {0.1, 0.2}, {0.3, 0.300001}, {0.0, 0.5}, {2.5, 1e30}}) {
+    for (const auto& [near, far] :
+         {std::pair{1e-9, 1e30}, {0.1, 0.2}, {0.3, 0.300001}, {0.0, 0.5}, {2.5, 1e30}}) {
       ray.near = near;
       ray.far = far;
       march_and_compare(scene, sampler, ray, "near " + std::to_string(near));

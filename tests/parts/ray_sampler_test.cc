@@ -18,7 +18,8 @@ const Box3 kEverywhere{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}};
 // Noise of all levels in two cascades.
 const OccupancyGrid& noise() {
   static const OccupancyGrid grid = make_grid(2, [](const CellPlace& p) -> uint8_t {
-    const uint64_t h = mix64(static_cast<uint64_t>(p.x + 128 * (p.y + 128 * p.z) + (p.cascade << 24)));
+    const uint64_t h =
+        mix64(static_cast<uint64_t>(p.x + 128 * (p.y + 128 * p.z) + (p.cascade << 24)));
     return h % 4 == 0 ? static_cast<uint8_t>(1 + (h >> 8) % 120) : 0;
   });
   return grid;
@@ -26,7 +27,8 @@ const OccupancyGrid& noise() {
 
 // Matter only where x is in [lo, hi) (cells of cascade 0), of one level.
 OccupancyGrid slab(int lo, int hi, uint8_t level) {
-  return make_grid(1, [=](const CellPlace& p) -> uint8_t { return p.x >= lo && p.x < hi ? level : 0; });
+  return make_grid(
+      1, [=](const CellPlace& p) -> uint8_t { return p.x >= lo && p.x < hi ? level : 0; });
 }
 
 Ray random_ray(uint64_t index) {
@@ -51,7 +53,8 @@ double matter_length(std::span<const Segment> segments) {
 double matter_before(std::span<const Segment> segments, double t) {
   double sum = 0;
   for (const Segment& s : segments)
-    sum += std::clamp(t - static_cast<double>(s.t0), 0.0, static_cast<double>(s.t1) - static_cast<double>(s.t0));
+    sum += std::clamp(t - static_cast<double>(s.t0), 0.0,
+                      static_cast<double>(s.t1) - static_cast<double>(s.t0));
   return sum;
 }
 
@@ -62,7 +65,8 @@ TEST(RaySampler, SamplesPartitionTheMatter) {
   SamplerOptions all, few, many, fixed;
   all.min_transmittance = few.min_transmittance = many.min_transmittance = 0;
   few.max_samples = 3, few.min_samples = 1, few.samples_per_cell = 0.3f;
-  many.max_samples = 240, many.min_samples = 7, many.samples_per_cell = 5, many.uniform_share = 0.5f;
+  many.max_samples = 240, many.min_samples = 7, many.samples_per_cell = 5,
+  many.uniform_share = 0.5f;
   fixed.min_samples = fixed.max_samples = 16;  // and a transmittance stop
   for (const SamplerOptions& options : {all, few, many, fixed}) {
     RaySampler sampler(noise(), options, kEverywhere);
@@ -84,11 +88,13 @@ TEST(RaySampler, SamplesPartitionTheMatter) {
           ++hits;
           ASSERT_GE(count, options.min_samples);
           ASSERT_LE(count, options.max_samples);
-          // Roundings: one per segment and per sample. The last border's share of its segment's mass,
-          // at least uniform_share of its length's share, is what is left of a sum of all masses.
+          // Roundings: one per segment and per sample. The last border's share of its segment's
+          // mass, at least uniform_share of its length's share, is what is left of a sum of all
+          // masses.
           const double length = matter_length(segments);
           const double n = static_cast<double>(segments.size()) + count;
-          const double tolerance = rounding_bound(4 * n) * length * (1 + 2.0 / options.uniform_share);
+          const double tolerance =
+              rounding_bound(4 * n) * length * (1 + 2.0 / options.uniform_share);
           double total = 0;
           for (size_t k = 0; k < out.t.size(); ++k) {
             ASSERT_GE(out.delta[k], 0);
@@ -96,9 +102,9 @@ TEST(RaySampler, SamplesPartitionTheMatter) {
               ASSERT_GE(out.t[k], out.t[k - 1]) << "ray " << i << " sample " << k;
             }
             const double t = out.t[k], ulp = 2 * kRoundoff * t;
-            ASSERT_TRUE(std::any_of(segments.begin(), segments.end(), [&](const Segment& s) {
-              return t >= s.t0 && t <= s.t1 + ulp;
-            })) << "ray " << i << " sample " << k << " at " << t << " is in empty space";
+            ASSERT_TRUE(std::any_of(segments.begin(), segments.end(),
+                                    [&](const Segment& s) { return t >= s.t0 && t <= s.t1 + ulp; }))
+                << "ray " << i << " sample " << k << " at " << t << " is in empty space";
             const double before = matter_before(segments, t);
             const double delta = out.delta[k];
             const double off = std::max({0.0, total - before, before - (total + delta)});
@@ -125,7 +131,8 @@ TEST(RaySampler, SampleAllCutsEverySegmentEvenly) {
       for (size_t k = 0; k < count; ++k) {
         const Segment& s = segments[k / static_cast<size_t>(per_cell)];
         const double width = (static_cast<double>(s.t1) - s.t0) / per_cell;
-        const double at = s.t0 + (static_cast<double>(k % static_cast<size_t>(per_cell)) + 0.5) * width;
+        const double at =
+            s.t0 + (static_cast<double>(k % static_cast<size_t>(per_cell)) + 0.5) * width;
         ASSERT_NEAR(out.delta[k], width, 4 * kRoundoff * s.t1);
         ASSERT_NEAR(out.t[k], at, 4 * kRoundoff * s.t1);
       }

@@ -32,8 +32,8 @@ struct Rendered {
   std::vector<double> x;  // of the samples
 };
 
-Rendered render(RaySampler& sampler, const Ray& ray, Random* random, bool follow, const Colour& background,
-                const std::function<Medium(double x)>& medium) {
+Rendered render(RaySampler& sampler, const Ray& ray, Random* random, bool follow,
+                const Colour& background, const std::function<Medium(double x)>& medium) {
   Rendered out;
   const int n = sampler.sample(ray, random, follow, out.samples);
   Tape tape(std::max(n, 1), 1);
@@ -48,15 +48,18 @@ Rendered render(RaySampler& sampler, const Ray& ray, Random* random, bool follow
   chunk.ray_begin = begin;
   for (int i = 0; i < n; ++i) {
     const size_t s = static_cast<size_t>(i);
-    out.x.push_back(static_cast<double>(sampler.entry().x) + ray.direction.x * static_cast<double>(out.samples.t[s]));
+    out.x.push_back(static_cast<double>(sampler.entry().x) +
+                    ray.direction.x * static_cast<double>(out.samples.t[s]));
     const Medium m = medium(out.x.back());
     chunk.data(density)[i] = static_cast<float>(m.density);
     chunk.data(delta)[i] = out.samples.delta[s];
     for (int k = 0; k < 3; ++k)
-      chunk.data(colour)[k * chunk.stride(colour) + i] = static_cast<float>(m.colour[static_cast<size_t>(k)]);
+      chunk.data(colour)[k * chunk.stride(colour) + i] =
+          static_cast<float>(m.colour[static_cast<size_t>(k)]);
   }
   for (int k = 0; k < 3; ++k)
-    chunk.data(behind)[k * chunk.stride(behind)] = static_cast<float>(background[static_cast<size_t>(k)]);
+    chunk.data(behind)[k * chunk.stride(behind)] =
+        static_cast<float>(background[static_cast<size_t>(k)]);
   tape.forward(chunk);
   for (int k = 0; k < 4; ++k)
     out.pixel[static_cast<size_t>(k)] = chunk.data(image.pixel)[k * chunk.stride(image.pixel)];
@@ -129,7 +132,8 @@ TEST(VolumeRendering, HomogeneousSlab) {
   for (double density : {0.0, 0.3, 2.0, 25.0, 1e3}) {
     const Medium medium{density, {0.8, 0.3, 0.5}};
     for_each_sampling(grid, [&](RaySampler& sampler, const Ray& ray, Random* random, bool follow) {
-      const Rendered got = render(sampler, ray, random, follow, background, [&](double) { return medium; });
+      const Rendered got =
+          render(sampler, ray, random, follow, background, [&](double) { return medium; });
       const double length = way(ray, kFront, kBack);
       const auto want = closed_form(medium, length, medium, 0, background);
       const double moved = density * std::exp(-density * length) * kLengthError;
@@ -140,11 +144,13 @@ TEST(VolumeRendering, HomogeneousSlab) {
   worst.report();
 }
 
-// Two layers that meet inside a cell. All samples but one lie on their side with their whole interval;
-// the one whose interval holds the border counts for one side. So the result is exactly that of a
-// border moved by no more than this interval, and off by no more than (sum of densities) x length.
+// Two layers that meet inside a cell. All samples but one lie on their side with their whole
+// interval; the one whose interval holds the border counts for one side. So the result is exactly
+// that of a border moved by no more than this interval, and off by no more than (sum of densities)
+// x length.
 TEST(VolumeRendering, TwoLayers) {
-  const OccupancyGrid grid = make_grid(1, [](const CellPlace& p) -> uint8_t { return in_slab(p) ? 60 : 0; });
+  const OccupancyGrid grid =
+      make_grid(1, [](const CellPlace& p) -> uint8_t { return in_slab(p) ? 60 : 0; });
   const Colour background{0.1, 0.9, 0.4};
   const double border = 0.1234;
   WorstError moved("same_as_moved_border"), shift("shift_of_border"), total("closed_form");
@@ -197,7 +203,8 @@ TEST(VolumeRendering, AbsorptionBeforeASurface) {
         widest = std::max(got.samples.delta[i], got.samples.delta[i + 1]);
     const auto want = closed_form(mist, way(ray, kFront, surface), wall, 1, background);
     for (size_t k = 0; k < 4; ++k)
-      worst.compare(got.pixel[k], want[k], mist.density * (widest + kLengthError) + kRounding, "channel", k);
+      worst.compare(got.pixel[k], want[k], mist.density * (widest + kLengthError) + kRounding,
+                    "channel", k);
     if (follow) narrowest = std::min(narrowest, widest);
   });
   worst.report();

@@ -1,5 +1,5 @@
-// For tests: a sphere of many colours before transparency, seen by cameras all around it, as a Scene
-// with photos in memory. Small and quick to learn.
+// For tests: a sphere of many colours before transparency, seen by cameras all around it, as a
+// Scene with photos in memory. Small and quick to learn.
 #pragma once
 
 #include <cmath>
@@ -65,8 +65,7 @@ inline Photo sphere_photo(const Camera& camera, const Pose& pose) {
         for (int k = 0; k < 3; ++k) sum[k] += rgb[k];
       }
       for (const double v : sum)
-        photo.pixels8.push_back(
-            static_cast<uint8_t>(hits ? std::lround(255 * v / hits) : 0));
+        photo.pixels8.push_back(static_cast<uint8_t>(hits ? std::lround(255 * v / hits) : 0));
       photo.pixels8.push_back(static_cast<uint8_t>(255 * hits / (kSub * kSub)));
     }
   return photo;
@@ -82,7 +81,7 @@ inline Camera sphere_camera(int size) {
 }
 
 // `views` square photos of `size` pixels; every 4th is held out.
-inline SyntheticCapture sphere_capture(int views = 12, int size = 32) {
+inline SyntheticCapture sphere_capture(int views = 6, int size = 32) {
   SyntheticCapture capture;
   Scene& scene = capture.scene;
   scene.root = "sphere";

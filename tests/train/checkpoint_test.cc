@@ -130,7 +130,7 @@ TEST_F(CheckpointErrors, AnotherSceneIsNamed) {
   auto other = sphere_capture();
   other.scene.views[3].name = "other";
   EXPECT_TRUE(contains(loading(other, tiny_options(10)), "names of the images"));
-  EXPECT_TRUE(contains(loading(sphere_capture(12, 24), tiny_options(10)), "sizes of the photos"));
+  EXPECT_TRUE(contains(loading(sphere_capture(6, 24), tiny_options(10)), "sizes of the photos"));
   other = sphere_capture();
   std::swap(other.scene.train[0], other.scene.test[0]);
   EXPECT_TRUE(contains(loading(other, tiny_options(10)), "split"));
@@ -170,8 +170,8 @@ TEST_F(CheckpointErrors, DamageIsFound) {
 TEST_F(CheckpointErrors, AModelFileIsNoCheckpoint) {
   const auto model = state->folder / "model";
   state->trainer.snapshot().save(model);
-  EXPECT_TRUE(contains(error_of([&] { state->trainer.load_checkpoint(model); }),
-                       "is not a checkpoint"));
+  EXPECT_TRUE(
+      contains(error_of([&] { state->trainer.load_checkpoint(model); }), "is not a checkpoint"));
 }
 
 }  // namespace

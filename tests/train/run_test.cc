@@ -1,8 +1,5 @@
 #include "nerf/train/run.h"
 
-#include <chrono>
-#include <limits>
-
 #include "nerf/base/file.h"
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
@@ -139,7 +136,7 @@ TEST(Run, ABudgetOfTimeFixesItsPlanAndIsRepeatedBySteps) {
   ThreadPool pool(1);
   Trainer timed(c.scene, c.photos, tiny_options(0), pool);
   RunOptions options = quiet();
-  options.minutes = 1.5 / 60;
+  options.minutes = 1.0 / 60;
   int64_t plan = 0, planned_at = 0, steps = 0;
   int plans = 0;
   RunCallbacks callbacks;
@@ -155,14 +152,15 @@ TEST(Run, ABudgetOfTimeFixesItsPlanAndIsRepeatedBySteps) {
   const RunResult result = run_training(timed, options, callbacks);
   EXPECT_EQ(plans, 1);
   EXPECT_EQ(result.steps, plan);
-  // Other processes may slow any part of it; what must hold is that the plan came early.
+  // How long it took depends on what else the machine did; what does not: nothing before the plan
+  // was fixed depended on it.
   EXPECT_GT(result.train_seconds, 0.3);
-  EXPECT_LE(static_cast<double>(planned_at), 0.4 * static_cast<double>(plan) + 3);
-  if (static_cast<double>(planned_at) <= 0.1 * static_cast<double>(plan)) {
-    Trainer counted(c.scene, c.photos, tiny_options(plan), pool);
-    run_training(counted, quiet(), {});
-    EXPECT_EQ(bits_of(timed), bits_of(counted));
-  }
+  EXPECT_LE(static_cast<double>(planned_at), 0.1 * static_cast<double>(plan));
+  Trainer counted(c.scene, c.photos, tiny_options(plan), pool);
+  run_training(counted, quiet(), {});
+  EXPECT_EQ(counted.options().steps, plan);
+  const auto a = timed.snapshot().grid().table, b = counted.snapshot().grid().table;
+  EXPECT_TRUE(std::equal(a.begin(), a.end(), b.begin(), b.end()));
 }
 
 TEST(Run, ANonFiniteLossGoesBackToTheStartWithoutACheckpoint) {

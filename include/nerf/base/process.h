@@ -24,6 +24,7 @@ std::filesystem::path require_program(const std::string& name, const std::string
 
 struct ProcessOptions {
   std::vector<std::string> environment;  // "NAME=value", added to this process's own
+  std::filesystem::path folder;          // where it runs; empty: where this process does
   // Each line of standard output and standard error, without its end ('\n' or '\r').
   std::function<void(std::string_view line)> on_line;
   // If set, standard output comes here in pieces as it is, and on_line gets standard error only.

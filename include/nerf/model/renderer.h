@@ -19,6 +19,7 @@ struct RenderOptions {
   bool unclipped = false;       // true turns every skip off inside the trained occupancy
   std::optional<Box3> bbox;     // input coordinates; nothing outside it is drawn
   float min_transmittance = 1e-3f;  // a ray stops below it
+  float sample_factor = 1.5f;  // network samples of a ray, against those it gets in training
 };
 
 // All images row by row from the top, one value (or three) per pixel.

@@ -48,8 +48,8 @@ Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const
                     const Frame& frame);
 
 // Renders the views of scene.test at the size of their photos and compares 8-bit pictures (PSNR and
-// SSIM of metrics.h), masked-out pixels left out. Pictures are named after the views. `progress` gets
-// the fraction done. Throws Cancelled, and Error where a picture cannot be written.
+// SSIM of metrics.h), masked-out pixels left out. Pictures are named after the views. `progress`
+// gets the fraction done. Throws Cancelled, and Error where a picture cannot be written.
 Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoSet& photos,
                     const EvaluationOptions& options, ThreadPool& pool,
                     const std::function<void(double)>& progress = {},

@@ -7,8 +7,8 @@
 
 namespace nerf::reference {
 
-// Slope that truncated_exp passes gradients with: that of exp within [-15, 15], constant outside, so
-// that an extreme density neither explodes nor goes dead.
+// Slope that truncated_exp passes gradients with: that of exp within [-15, 15], constant outside,
+// so that an extreme density neither explodes nor goes dead.
 inline double truncated_exp_slope(double x) {
   return std::exp(x < -15 ? -15.0 : x > 15 ? 15.0 : x);
 }

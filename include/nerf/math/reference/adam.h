@@ -25,8 +25,8 @@ void adam(const AdamOptions& o, int64_t step, T gradient, T& m, T& v, T& weight)
   weight = weight - T(o.rate) * m_hat / (sqrt(v_hat) + T(o.epsilon));
 }
 
-// A row of a sparsely used table: without a gradient nothing moves, neither weights nor moments, and
-// its own counter of steps, which the bias correction goes by, stands still.
+// A row of a sparsely used table: without a gradient nothing moves, neither weights nor moments,
+// and its own counter of steps, which the bias correction goes by, stands still.
 template <class T>
 void adam_row(const AdamOptions& o, bool touched, size_t width, const T* gradient, T* m, T* v,
               int64_t& steps, T* weights) {

@@ -7,7 +7,8 @@
 
 namespace nerf::reference {
 
-// Y_l^m(x, y, z) at index l (l + 1) + m, orthonormal over the sphere, with the Condon-Shortley phase
+// Y_l^m(x, y, z) at index l (l + 1) + m, orthonormal over the sphere, with the Condon-Shortley
+// phase
 // (-1)^m: sin(|m| phi) for m < 0, cos(m phi) for m > 0. (x, y, z) is of unit length; nothing is
 // normalised here.
 template <class T>

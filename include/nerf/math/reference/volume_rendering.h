@@ -27,12 +27,12 @@ template <class T>
 RenderedRay<T> composite(const std::vector<T>& density, const std::vector<std::array<T, 3>>& colour,
                          const std::vector<T>& delta, const std::array<T, 3>& background) {
   RenderedRay<T> out{{T(0), T(0), T(0), T(0)}, {}};
+  using std::exp;
   T transmittance = T(1);
   for (size_t i = 0; i < density.size(); ++i) {
-    const T alpha = opacity(density[i], delta[i]);
-    out.weights.push_back(transmittance * alpha);
+    out.weights.push_back(transmittance * opacity(density[i], delta[i]));
     for (size_t k = 0; k < 3; ++k) out.pixel[k] += out.weights[i] * colour[i][k];
-    transmittance *= T(1) - alpha;
+    transmittance *= exp(-density[i] * delta[i]);  // 1 - opacity
   }
   for (size_t k = 0; k < 3; ++k) out.pixel[k] += transmittance * background[k];
   out.pixel[3] = T(1) - transmittance;

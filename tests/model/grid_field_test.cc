@@ -1,0 +1,205 @@
+#include "nerf/model/grid_field.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "autodiff/reference_ops.h"
+#include "nerf/math/contraction.h"
+#include "nerf/math/reference/hash_grid.h"
+
+namespace nerf {
+namespace {
+
+GridOptions small_options(int density_layers, int colour_layers) {
+  GridOptions o;
+  o.levels = 2;
+  o.log2_entries = 8;
+  o.base_resolution = 4;
+  o.finest_resolution = 16;
+  o.hidden = 16;
+  o.density_layers = density_layers;
+  o.colour_layers = colour_layers;
+  o.geometry_features = 5;
+  return o;
+}
+
+// The whole model from features to the loss: its values, and its gradients by features and weights.
+TEST(GridTape, GradientOfTheWholeModel) {
+  for (const auto& [density_layers, colour_layers] : {std::pair{1, 1}, {2, 2}}) {
+    const GridField field(small_options(density_layers, colour_layers), false, 1);
+    const GridTape tape(field, /*training=*/true, 0.1f);
+    TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
+    test.specs = {{field.shape.features(), Domain::kSamples, true},
+                  {3, Domain::kRays, false, -1, 1, /*unit=*/true},
+                  {1, Domain::kSamples, false, 0.01, 0.4},
+                  {3, Domain::kRays, false, 0, 1},
+                  {3, Domain::kRays, false, 0, 1},
+                  {1, Domain::kRays, false, 0.01, 0.1}};
+    test.inputs = {tape.features,   tape.directions, tape.delta,
+                   tape.background, tape.target,     tape.scale};
+    for (const auto* layers : {&field.density_layers, &field.colour_layers})
+      test.layers.insert(test.layers.end(), layers->begin(), layers->end());
+    // The longest chain: sums over 21 inputs and widths of 16 there and back, and over the samples.
+    test.roundings = 2 * (8 + 16 * density_layers + 21 + 16 * colour_layers) + 60;
+    check_gradients("grid_tape_" + std::to_string(density_layers), test,
+                    [&]<class T>(const Given<T>& v) -> Outputs<T> {
+                      const auto h = on_columns::mlp(v[0], v.weights, field.density_layers);
+                      const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
+                      const auto code = on_columns::view_code(v[1], v.rays);
+                      const auto colour = on_columns::sigmoid(on_columns::mlp(
+                          on_columns::concat(h, code), v.weights, field.colour_layers));
+                      const auto pixel =
+                          on_columns::composite(density, colour, v[2], v[3], v.rays).first;
+                      return {on_columns::huber_loss(pixel, v[4], v[5], static_cast<double>(0.1f))};
+                    },
+                    {{0}, {0, 0, 7, 8, 19}});
+  }
+}
+
+// What the tape leaves half-way: density and colour before compositing, weights after it.
+TEST(GridTape, PartialForwardsAndWeights) {
+  const GridField made = [] {
+    GridField f(small_options(1, 2), false, 1);
+    f.initialise(3);
+    return f;
+  }();
+  for_each_target([&](const std::string&) {
+    const GridTape tape(made, /*training=*/false);
+    Chunk chunk(tape.tape);
+    Random random(92, 0, 0);
+    const Rays rays{0, 3, 3, 20};
+    chunk.samples = 20;
+    chunk.rays = 3;
+    chunk.ray_begin = rays.data();
+    chunk.weights = made.weights.data();
+    Columns<double> features(20), directions(3), delta(20), background(3);
+    const auto fill = [&](Value value, Columns<double>& columns, double low, double high) {
+      for (size_t s = 0; s < columns.size(); ++s)
+        for (int r = 0; r < tape.tape.rows(value); ++r) {
+          const float v = uniform(random, low, high);
+          columns[s].push_back(v);
+          chunk.data(value)[r * chunk.stride(value) + static_cast<int64_t>(s)] = v;
+        }
+    };
+    fill(tape.features, features, -2, 2);
+    fill(tape.directions, directions, -0.6, 0.6);
+    fill(tape.delta, delta, 0.05, 0.3);
+    fill(tape.background, background, 0, 1);
+    const std::vector<double> weights(made.weights.begin(), made.weights.end());
+    const auto h = on_columns::mlp(features, weights, made.density_layers);
+    const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
+    const auto colour = on_columns::sigmoid(
+        on_columns::mlp(on_columns::concat(h, on_columns::view_code(directions, rays)), weights,
+                        made.colour_layers));
+    const auto [pixel, w] = on_columns::composite(density, colour, delta, background, rays);
+
+    const auto expect = [&](Value value, const Columns<double>& want, const char* what) {
+      for (size_t s = 0; s < want.size(); ++s)
+        for (size_t r = 0; r < want[s].size(); ++r)
+          ASSERT_NEAR(
+              chunk.data(
+                  value)[static_cast<int64_t>(r) * chunk.stride(value) + static_cast<int64_t>(s)],
+              want[s][r], 1e-5 * (1 + std::fabs(want[s][r])))
+              << what << " row " << r << " column " << s;
+    };
+    const auto stale = [&](Value value) { return chunk.data(value)[0] == 0; };
+    tape.forward_density(chunk);
+    expect(tape.density, density, "density");
+    EXPECT_TRUE(stale(tape.colour)) << "colour is not computed for density's sake";
+    tape.forward_field(chunk);
+    expect(tape.density, density, "density");
+    expect(tape.colour, colour, "colour");
+    EXPECT_TRUE(stale(tape.image.pixel));
+    tape.tape.forward(chunk);
+    expect(tape.image.pixel, pixel, "pixel");
+    expect(tape.image.weights, w, "weights");
+  });
+}
+
+TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
+  GridOptions options = small_options(1, 1);
+  options.levels = 4;
+  options.finest_resolution = 64;
+  GridField field(options, false, 1);
+  Random random(93, 0, 0);
+  for (float& v : field.table) v = uniform(random, -1, 1);
+  const Matrix places(3, 37, random, 0, 1);
+  for_each_target([&](const std::string&) {
+    Matrix features(field.shape.features(), 37);
+    encode(field, places.data.data(), places.data.data() + places.ld,
+           places.data.data() + 2 * places.ld, 37, features.data.data(), features.ld);
+    for (size_t l = 0; l < field.shape.levels.size(); ++l) {
+      const HashGridLevel& level = field.shape.levels[l];
+      const auto begin = field.table.begin() + level.offset * kGridFeatures;
+      const std::vector<double> table(begin, begin + level.entries * kGridFeatures);
+      for (int64_t s = 0; s < 37; ++s) {
+        const auto want = reference::grid_interpolate<double>(
+            {level.scale, level.resolution, level.entries, level.dense}, table,
+            {places.at(0, s), places.at(1, s), places.at(2, s)});
+        for (int f = 0; f < kGridFeatures; ++f)
+          ASSERT_NEAR(features.at(static_cast<int>(l) * kGridFeatures + f, s),
+                      want[static_cast<size_t>(f)], 8 * kRoundoff * (level.scale + 4))
+              << "level " << l << " sample " << s;
+      }
+    }
+  });
+}
+
+TEST(GridField, PositionsOnTheGrid) {
+  const GridField bounded(small_options(1, 1), false, 1), unbounded(small_options(1, 1), true, 2);
+  EXPECT_EQ(bounded.grid_position({-1, 0, 1}), (Vec3{0, 0.5f, 1}));
+  EXPECT_EQ(bounded.grid_position({0.5f, -0.5f, 0.25f}), (Vec3{0.75f, 0.25f, 0.625f}));
+  // Contracted space reaches from -2 to 2; all of it, and infinity, lies within the grid.
+  EXPECT_EQ(unbounded.grid_position({0.5f, -0.5f, 0}), (Vec3{0.625f, 0.375f, 0.5f}));
+  for (const Vec3& p : {Vec3{3, -4, 12}, Vec3{1e6f, 1, 1}, Vec3{0, -1e18f, 0}}) {
+    const Vec3 g = unbounded.grid_position(p), want = contract(p);
+    for (int i = 0; i < 3; ++i) {
+      EXPECT_FLOAT_EQ(g[i], want[i] / 4 + 0.5f);
+      EXPECT_GE(g[i], 0);
+      EXPECT_LE(g[i], 1);
+    }
+  }
+}
+
+TEST(GridField, InitialWeightsFollowTheSeedAndKeepPaddingZero) {
+  GridField a(small_options(1, 2), false, 1), b(small_options(1, 2), false, 1),
+      c(small_options(1, 2), false, 1);
+  a.initialise(1);
+  std::fill(b.weights.begin(), b.weights.end(), 9.0f);  // whatever was there before
+  b.initialise(1);
+  c.initialise(2);
+  EXPECT_TRUE(std::equal(a.table.begin(), a.table.end(), b.table.begin()));
+  EXPECT_TRUE(std::equal(a.weights.begin(), a.weights.end(), b.weights.begin()));
+  EXPECT_FALSE(std::equal(a.table.begin(), a.table.end(), c.table.begin()));
+  EXPECT_FALSE(std::equal(a.weights.begin(), a.weights.end(), c.weights.begin()));
+  double most = 0;
+  for (float v : a.table) most = std::max(most, static_cast<double>(std::fabs(v)));
+  EXPECT_GT(most, 0);
+  EXPECT_LE(most, 1e-4 * (1 + 1e-6));
+  for (const auto* layers : {&a.density_layers, &a.colour_layers})
+    for (const LinearWeights& w : *layers) {
+      double sum = 0, square = 0;
+      const double bound = std::sqrt(6.0 / (w.in + w.out));
+      for (int j = 0; j < w.out; ++j)
+        for (int k = 0; k < weight_stride(w.in); ++k) {
+          const double v = a.weights[gradient_check::Problem::index(w, j, k)];
+          if (k >= w.in) {
+            ASSERT_EQ(v, 0) << "padding";
+            continue;
+          }
+          ASSERT_LE(std::fabs(v), bound * (1 + 1e-6));
+          sum += v;
+          square += v * v;
+        }
+      // Mean 0 and variance bound^2 / 3 of n uniform numbers, within six standard deviations.
+      const double n = w.in * w.out;
+      EXPECT_LT(std::fabs(sum / n), 6 * bound / std::sqrt(3 * n));
+      EXPECT_NEAR(square / n, bound * bound / 3, 6 * bound * bound * std::sqrt(4.0 / 45 / n));
+    }
+}
+
+}  // namespace
+}  // namespace nerf
