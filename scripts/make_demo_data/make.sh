@@ -29,7 +29,7 @@ nice -n 15 blender -b --factory-startup -P "$here/render.py" -- "$out/images" |
 run() { nice -n 15 colmap "$@" > "$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; }; }
 run feature_extractor --database_path "$work/database.db" --image_path "$out/images" \
   --ImageReader.single_camera 1 --ImageReader.camera_model SIMPLE_RADIAL \
-  --SiftExtraction.use_gpu 0 --SiftExtraction.max_num_features 1500
+  --SiftExtraction.use_gpu 0 --SiftExtraction.max_num_features 1300
 run exhaustive_matcher --database_path "$work/database.db" --SiftMatching.use_gpu 0
 mkdir "$work/sparse"
 run mapper --database_path "$work/database.db" --image_path "$out/images" \

@@ -58,10 +58,10 @@ void ColmapBuilder::add_image(const Cursor& at, uint32_t id,
   }
   const double w = qw / norm, x = qx / norm, y = qy / norm, z = qz / norm;
   Pose world_to_camera;
-  world_to_camera.rotation.m = {{{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
-                                 {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
-                                 {2 * (x * z - w * y), 2 * (y * z + w * x),
-                                  1 - 2 * (x * x + y * y)}}};
+  world_to_camera.rotation.m = {
+      {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+       {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+       {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}}};
   world_to_camera.translation = {tx, ty, tz};
 
   const auto camera = camera_index_.find(camera_id);
@@ -154,8 +154,8 @@ ColmapModel read_colmap_model(const fs::path& folder) {
   }
   ColmapBuilder builder;
   const bool binary = extension == ".bin";
-  (binary ? read_colmap_cameras_binary : read_colmap_cameras_text)(
-      folder / ("cameras" + extension), builder);
+  (binary ? read_colmap_cameras_binary : read_colmap_cameras_text)(folder / ("cameras" + extension),
+                                                                   builder);
   (binary ? read_colmap_images_binary : read_colmap_images_text)(folder / ("images" + extension),
                                                                  builder);
   const std::string points = "points3D" + extension;
@@ -167,8 +167,8 @@ ColmapModel read_colmap_model(const fs::path& folder) {
   }
   ColmapModel model = builder.finish();
   const bool rigs = has(folder, "rigs" + extension) || has(folder, "frames" + extension);
-  model.format = fmt::format("COLMAP {}{}", binary ? "binary" : "text",
-                             rigs ? ", with rigs and frames" : "");
+  model.format =
+      fmt::format("COLMAP {}{}", binary ? "binary" : "text", rigs ? ", with rigs and frames" : "");
   return model;
 }
 

@@ -1,8 +1,9 @@
 // COLMAP models: cameras, images and points3D, as .bin or as .txt.
 //
-// Layout and meaning: COLMAP's documentation, "Output Format". Models written since COLMAP 3.12 have
-// rigs and frames beside the three old files; images still carries every image's own pose (sensor
-// from rig composed with rig from world, as COLMAP writes it), so that nothing here needs them.
+// Layout and meaning: COLMAP's documentation, "Output Format". Models written since COLMAP 3.12
+// have rigs and frames beside the three old files; images still carries every image's own pose
+// (sensor from rig composed with rig from world, as COLMAP writes it), so that nothing here needs
+// them.
 #pragma once
 
 #include <cstdint>
@@ -41,8 +42,8 @@ struct ColmapModel {
 // Checks what every format says and turns ids into indices. Every function throws through `at`.
 class ColmapBuilder {
  public:
-  void add_camera(const Cursor& at, uint32_t id, CameraModel model, uint64_t width,
-                  uint64_t height, const std::array<double, kMaxCameraParams>& params);
+  void add_camera(const Cursor& at, uint32_t id, CameraModel model, uint64_t width, uint64_t height,
+                  const std::array<double, kMaxCameraParams>& params);
   // Quaternion w x y z and translation of camera-from-world, as stored.
   void add_image(const Cursor& at, uint32_t id, const std::array<double, 7>& camera_from_world,
                  uint32_t camera_id, std::string name);

@@ -2,7 +2,8 @@
 //   cameras   u64 n, n x (u32 id, i32 model, u64 width, u64 height, f64 params[])
 //   images    u64 n, n x (u32 id, f64 qw qx qy qz tx ty tz, u32 camera, name \0,
 //                         u64 m, m x (f64 x y, u64 point))
-//   points3D  u64 n, n x (u64 id, f64 x y z, u8 r g b, f64 error, u64 m, m x (u32 image, u32 index))
+//   points3D  u64 n, n x (u64 id, f64 x y z, u8 r g b, f64 error,
+//                         u64 m, m x (u32 image, u32 index))
 #include "colmap.h"
 #include "nerf/base/file.h"
 

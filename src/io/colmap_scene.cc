@@ -23,8 +23,8 @@ std::vector<fs::path> numbered_folders(const fs::path& folder) {
        it.increment(problem)) {
     const std::string name = it->path().filename().string();
     const bool number = name.size() <= 6 && std::all_of(name.begin(), name.end(), [](char c) {
-      return std::isdigit(static_cast<unsigned char>(c)) != 0;
-    });
+                          return std::isdigit(static_cast<unsigned char>(c)) != 0;
+                        });
     if (number && is_folder(it->path())) found.emplace(std::stoul(name), it->path());
   }
   std::vector<fs::path> out;
@@ -54,11 +54,11 @@ fs::path choose_image_folder(const fs::path& root, const ColmapModel& model, Sce
   fs::path chosen;
   for (const fs::path& folder : candidates) {
     if (!is_folder(folder)) continue;
-    const bool used = chosen.empty() &&
-                      std::any_of(model.images.begin(), model.images.end(),
-                                  [&](const ColmapImage& image) {
-                                    return !find_image(folder, image.name).empty();
-                                  });
+    const bool used =
+        chosen.empty() &&
+        std::any_of(model.images.begin(), model.images.end(), [&](const ColmapImage& image) {
+          return !find_image(folder, image.name).empty();
+        });
     if (used) {
       chosen = folder;
     } else if (folder != root) {

@@ -56,8 +56,7 @@ class ByteCursor : public Cursor {
     need(sizeof(T), what);
     std::array<uint8_t, sizeof(T)> raw;
     for (size_t i = 0; i < sizeof(T); ++i) {
-      raw[std::endian::native == std::endian::little ? i : sizeof(T) - 1 - i] =
-          bytes_[offset_ + i];
+      raw[std::endian::native == std::endian::little ? i : sizeof(T) - 1 - i] = bytes_[offset_ + i];
     }
     offset_ += sizeof(T);
     return std::bit_cast<T>(raw);
@@ -112,9 +111,7 @@ class LineCursor : public Cursor {
   LineCursor(std::filesystem::path file, std::string_view text)
       : Cursor(std::move(file)), rest_(text) {}
 
-  std::string where() const override {
-    return fmt::format("{}, line {}", file().string(), line_);
-  }
+  std::string where() const override { return fmt::format("{}, line {}", file().string(), line_); }
 
   // Goes to the next line, also an empty one; false at the end of the file.
   bool next_line() {

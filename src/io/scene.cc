@@ -85,8 +85,8 @@ void describe_cameras(const Scene& scene, SceneReport& report) {
       report.camera_models.push_back(fmt::format("and {} more", count.size() - kShown));
       break;
     }
-    report.camera_models.push_back(
-        count.size() == 1 ? name : fmt::format("{} ({} images)", name, images));
+    report.camera_models.push_back(count.size() == 1 ? name
+                                                     : fmt::format("{} ({} images)", name, images));
   }
 }
 
@@ -94,9 +94,10 @@ void estimate_memory(const Scene& scene, SceneReport& report) {
   report.memory_estimate_bytes += kTrainerBytes;
   report.memory_limit_bytes = available_memory_bytes();
   if (report.memory_limit_bytes > 0 && report.memory_estimate_bytes > report.memory_limit_bytes) {
-    report.warnings.push_back(fmt::format("the photos may not fit into memory: --downscale {} "
-                                          "takes a quarter of it",
-                                          2 * int64_t{scene.options.downscale}));
+    report.warnings.push_back(
+        fmt::format("the photos may not fit into memory: --downscale {} "
+                    "takes a quarter of it",
+                    2 * int64_t{scene.options.downscale}));
   }
 }
 

@@ -54,8 +54,8 @@ std::optional<Eigen::Vector3d> ring_normal(const std::vector<View>& views,
   std::vector<double> angles;
   for (const View& view : views) {
     const Eigen::Vector3d d = to_eigen(view.pose.translation) - mean;
-    angles.push_back(std::atan2(d.dot(solver.eigenvectors().col(1)),
-                                d.dot(solver.eigenvectors().col(2))));
+    angles.push_back(
+        std::atan2(d.dot(solver.eigenvectors().col(1)), d.dot(solver.eigenvectors().col(2))));
   }
   std::sort(angles.begin(), angles.end());
   double gap = angles.front() + 2 * std::numbers::pi - angles.back();
@@ -124,8 +124,8 @@ std::optional<Vec3d> estimate_focus(const std::vector<View>& views) {
       offset[i] = (to_focus - distance[i] * axis(views[i], 2)).norm();
     }
     std::vector<double> sorted = offset;
-    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
-                     sorted.end());
+    std::nth_element(sorted.begin(),
+                     sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
     const double typical = sorted[sorted.size() / 2];
     for (size_t i = 0; i < views.size(); ++i) {  // Huber: linear beyond the median
       weights[i] = offset[i] > typical ? typical / offset[i] : 1.0;
@@ -144,8 +144,7 @@ std::optional<Vec3d> estimate_focus(const std::vector<View>& views) {
 
 Mat3d rotation_to_z(const Vec3d& up) {
   const Eigen::Matrix3d r =
-      Eigen::Quaterniond::FromTwoVectors(to_eigen(up), Eigen::Vector3d::UnitZ())
-          .toRotationMatrix();
+      Eigen::Quaterniond::FromTwoVectors(to_eigen(up), Eigen::Vector3d::UnitZ()).toRotationMatrix();
   Mat3d out;
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) out.m[static_cast<size_t>(i)][static_cast<size_t>(j)] = r(i, j);

@@ -19,7 +19,7 @@ namespace {
 constexpr int kMaxVideoFrames = 120;
 
 bool is_video_file(const fs::path& path) {
-  static const std::set<std::string> kExtensions{".mp4", ".mov", ".m4v", ".mkv", ".avi",
+  static const std::set<std::string> kExtensions{".mp4",  ".mov", ".m4v", ".mkv", ".avi",
                                                  ".webm", ".mts", ".mpg", ".mpeg"};
   return kExtensions.count(lower_extension(path)) > 0;
 }
@@ -35,8 +35,8 @@ std::vector<fs::path> videos_in(const fs::path& folder) {
   return found;
 }
 
-// Whether there is an image in the folder or in one right below it. Looks no deeper: the path may be
-// a mistake for a whole disk.
+// Whether there is an image in the folder or in one right below it. Looks no deeper: the path may
+// be a mistake for a whole disk.
 bool holds_images(const fs::path& folder, int depth = 1) {
   std::error_code problem;
   for (fs::directory_iterator it(folder, problem), end; !problem && it != end;
@@ -167,8 +167,8 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
       return read_photos(photo_folder(path), path, run);
     case SceneFormat::kVideo: {
       const fs::path video = folder ? videos_in(path).front() : path;
-      const fs::path frames = extract_video_frames(video, work_folder(run.options),
-                                                   kMaxVideoFrames, run.progress, run.cancel);
+      const fs::path frames = extract_video_frames(video, work_folder(run.options), kMaxVideoFrames,
+                                                   run.progress, run.cancel);
       SceneInput input = read_photos(frames, frames.parent_path(), run);
       input.format = "video " + video.filename().string() + ", " + input.format;
       return input;

@@ -12,15 +12,14 @@
 namespace nerf::internal {
 namespace {
 
-double max_abs(const Vec3d& v) {
-  return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
-}
+double max_abs(const Vec3d& v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); }
 
 // Value at a fraction of the sorted list; the list is reordered. 0 for an empty one.
 double quantile(std::vector<double>& values, double fraction) {
   if (values.empty()) return 0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(std::lround(
-                                       fraction * static_cast<double>(values.size() - 1)));
+  const auto at =
+      values.begin() +
+      static_cast<std::ptrdiff_t>(std::lround(fraction * static_cast<double>(values.size() - 1)));
   std::nth_element(values.begin(), at, values.end());
   return *at;
 }
@@ -157,8 +156,8 @@ bool all_between_cameras(const Level& level, const Region& region) {
   }
   std::array<bool, 12> sector{};
   for (const Vec3d& c : level.cameras) {
-    const double turn = std::atan2(c.y - region.center.y, c.x - region.center.x) /
-                            (2 * std::numbers::pi) + 0.5;
+    const double turn =
+        std::atan2(c.y - region.center.y, c.x - region.center.x) / (2 * std::numbers::pi) + 0.5;
     sector[static_cast<size_t>(std::min(11.0, turn * 12))] = true;
   }
   return std::count(sector.begin(), sector.end(), true) >= 10;
@@ -262,8 +261,8 @@ void choose_frame(const SceneInput& input, Scene& scene) {
     }
     scene.unbounded = false;
   } else if (scene.alpha) {
-    region = bounded_region(scene, level,
-                            focus.value_or(unbounded_region(level, std::nullopt).center));
+    region =
+        bounded_region(scene, level, focus.value_or(unbounded_region(level, std::nullopt).center));
     scene.unbounded = false;
   } else {
     region = unbounded_region(level, focus);

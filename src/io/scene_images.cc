@@ -110,8 +110,7 @@ void find_masks(SceneInput& input, SceneReport& report) {
       view.mask_path.clear();
       continue;
     }
-    const fs::path name =
-        view.image_path.lexically_relative(input.image_folder).lexically_normal();
+    const fs::path name = view.image_path.lexically_relative(input.image_folder).lexically_normal();
     if (name.empty() || *name.begin() == "..") continue;
     fs::path with_png = name, other_extension = name;
     with_png += ".png";
@@ -147,8 +146,8 @@ void find_masks(SceneInput& input, SceneReport& report) {
 }  // namespace
 
 bool is_image_file(const fs::path& path) {
-  static const std::set<std::string> kExtensions{".jpg", ".jpeg", ".png",  ".tif", ".tiff", ".exr",
-                                                 ".bmp", ".webp", ".hdr", ".ppm",  ".tga"};
+  static const std::set<std::string> kExtensions{".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr",
+                                                 ".bmp", ".webp", ".hdr", ".ppm", ".tga"};
   const std::string name = path.filename().string();
   return !name.empty() && name.front() != '.' && kExtensions.count(lower_extension(path)) > 0;
 }

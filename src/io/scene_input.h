@@ -14,15 +14,15 @@ namespace nerf::internal {
 
 struct SceneInput {
   std::string format;
-  std::vector<Camera> cameras;       // as the files say it; width 0 where they do not say
-  std::vector<View> views;           // registered; image_path is where the image should be
-  std::vector<char> is_test;         // parallel to views; empty where the files make no split
+  std::vector<Camera> cameras;  // as the files say it; width 0 where they do not say
+  std::vector<View> views;      // registered; image_path is where the image should be
+  std::vector<char> is_test;    // parallel to views; empty where the files make no split
   std::vector<ScenePoint> points;
-  std::vector<Observation> observations;  // indices into views and points
-  std::filesystem::path image_folder;     // what View::name is relative to, for masks
+  std::vector<Observation> observations;            // indices into views and points
+  std::filesystem::path image_folder;               // what View::name is relative to, for masks
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
-  int images_total = 0;              // listed by the files or found beside the registered ones
-  bool blender = false;              // rendered: +z is up, and alpha, where there is any, is real
+  int images_total = 0;  // listed by the files or found beside the registered ones
+  bool blender = false;  // rendered: +z is up, and alpha, where there is any, is real
   std::vector<std::string> ignored, warnings;
 };
 

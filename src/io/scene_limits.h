@@ -11,7 +11,7 @@
 
 namespace nerf::internal {
 
-inline constexpr int kMaxImageSide = 65536;                 // pixels
+inline constexpr int kMaxImageSide = 65536;  // pixels
 inline constexpr int64_t kMaxImagePixels = int64_t{1} << 30;
 inline constexpr const char* kImageSizeHint =
     "image sides are 1 to 65536 pixels, at most 2^30 pixels in all, and focal lengths positive";

@@ -42,20 +42,20 @@ std::string format_report(const SceneReport& r) {
   lines.add("images", images);
   lines.add_list("cameras", r.camera_models);
   if (r.points > 0) {
-    lines.add("points",
-              r.mean_reprojection_error > 0
-                  ? fmt::format("{}, mean reprojection error {:.2f} px", r.points,
-                                r.mean_reprojection_error)
-                  : fmt::format("{}", r.points));
+    lines.add("points", r.mean_reprojection_error > 0
+                            ? fmt::format("{}, mean reprojection error {:.2f} px", r.points,
+                                          r.mean_reprojection_error)
+                            : fmt::format("{}", r.points));
   } else {
     lines.add("points", "none");
   }
-  lines.add("extent", fmt::format("{} to {}", vector_text(r.extent.min), vector_text(r.extent.max)));
+  lines.add("extent",
+            fmt::format("{} to {}", vector_text(r.extent.min), vector_text(r.extent.max)));
   lines.add("near, far", fmt::format("{:.4g}, {:.4g}", r.near, r.far));
   lines.add("up", vector_text(r.up));
   if (r.masks > 0) {
-    std::string masks = fmt::format("{} of {} images", r.masks,
-                                    r.images_registered - r.images_missing);
+    std::string masks =
+        fmt::format("{} of {} images", r.masks, r.images_registered - r.images_missing);
     if (r.fraction_masked > 0) {
       masks += fmt::format(", {:.1f} % of all pixels masked out", 100 * r.fraction_masked);
     }

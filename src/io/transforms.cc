@@ -153,19 +153,21 @@ class TransformsReader {
       if (!warning.empty() && warnings_.insert(warning).second) input_.warnings.push_back(warning);
     }  // else the image is missing and the view will be left out
     const auto key = std::tuple{camera.model, camera.width, camera.height, camera.params};
-    const auto it = std::find_if(input_.cameras.begin(), input_.cameras.end(), [&](const Camera& c) {
-      return std::tuple{c.model, c.width, c.height, c.params} == key;
-    });
+    const auto it = std::find_if(
+        input_.cameras.begin(), input_.cameras.end(),
+        [&](const Camera& c) { return std::tuple{c.model, c.width, c.height, c.params} == key; });
     if (it != input_.cameras.end()) return static_cast<int>(it - input_.cameras.begin());
     input_.cameras.push_back(camera);
     return static_cast<int>(input_.cameras.size()) - 1;
   }
 
   void note_flavour(const json& root) {
-    for (const char* key : {"camera_model", "applied_transform", "ply_file_path", "orientation_override"})
+    for (const char* key :
+         {"camera_model", "applied_transform", "ply_file_path", "orientation_override"})
       nerfstudio_ = nerfstudio_ || root.contains(key);
     instant_ngp_ = instant_ngp_ || root.contains("aabb_scale");
-    for (const char* key : {"train_filenames", "val_filenames", "test_filenames", "ply_file_path"}) {
+    for (const char* key :
+         {"train_filenames", "val_filenames", "test_filenames", "ply_file_path"}) {
       if (root.contains(key)) input_.ignored.push_back(fmt::format("\"{}\" of the file", key));
     }
   }

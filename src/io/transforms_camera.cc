@@ -74,7 +74,8 @@ LensKind lens_kind(const FrameJson& frame) {
     if (model == known) return LensKind::kFisheye;
   }
   for (const char* known : {"", "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}) {
-    if (model == known) return frame.flag("is_fisheye") ? LensKind::kFisheye : LensKind::kPerspective;
+    if (model == known)
+      return frame.flag("is_fisheye") ? LensKind::kFisheye : LensKind::kPerspective;
   }
   frame.fail(fmt::format("camera_model {} is not supported", printable(model)),
              "known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, "
@@ -82,7 +83,8 @@ LensKind lens_kind(const FrameJson& frame) {
 }
 
 // Focal length of one axis: given, or from the field of view over the image's side.
-std::optional<double> focal(const FrameJson& frame, const char* length, const char* angle, int side) {
+std::optional<double> focal(const FrameJson& frame, const char* length, const char* angle,
+                            int side) {
   if (const auto value = frame.number(length)) return value;
   const auto fov = frame.number(angle);
   if (!fov) return std::nullopt;
@@ -101,8 +103,9 @@ Camera frame_camera(const FrameJson& frame, const FrameSize& size, std::string* 
   if (!fx) fx = fy;
   if (!fy) fy = fx;
   if (!fx) {
-    frame.fail("there is no focal length",
-               "give fl_x (pixels) or camera_angle_x (radians), in the frame or for the whole file");
+    frame.fail(
+        "there is no focal length",
+        "give fl_x (pixels) or camera_angle_x (radians), in the frame or for the whole file");
   }
   const auto value = [&](const char* key) { return frame.number(key).value_or(0); };
   const double cx = frame.number("cx").value_or(size.width / 2.0);

@@ -1,7 +1,7 @@
 // Projection and its inverse for all camera models. Formulas: COLMAP's src/colmap/sensor/models
 // (ids 0 to 10 as published with COLMAP, Schoenberger and Frahm, CVPR 2016), OpenCV's calib3d
-// documentation for the radial, tangential and thin-prism terms, Devernay and Faugeras 2001 for FOV,
-// Project Aria's "FisheyeRadTanThinPrism" for id 11.
+// documentation for the radial, tangential and thin-prism terms, Devernay and Faugeras 2001 for
+// FOV, Project Aria's "FisheyeRadTanThinPrism" for id 11.
 //
 // Notation: (u, v) a point of the undistorted plane: (x/z, y/z) of a pinhole-like model, or the
 // direction's angle theta times the unit vector of (x, y) of a fisheye; s = u^2 + v^2; (p, q) the
@@ -253,8 +253,7 @@ std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction) {
 
   Vec2d pq = uv;
   if (camera.model == CameraModel::kFov) {
-    const double ratio =
-        fov_distorted_ratio(std::abs(camera.params[4]), std::hypot(uv.x, uv.y));
+    const double ratio = fov_distorted_ratio(std::abs(camera.params[4]), std::hypot(uv.x, uv.y));
     pq = {uv.x * ratio, uv.y * ratio};
   } else if (lens.distorted) {
     if (!one_to_one_at(lens, uv)) return std::nullopt;
@@ -274,8 +273,7 @@ std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
   const Vec2d pq{(pixel.x - lens.cx) / lens.fx, (pixel.y - lens.cy) / lens.fy};
   if (!finite(pq)) return std::nullopt;
   if (camera.model == CameraModel::kFov) {
-    const auto ratio =
-        fov_undistorted_ratio(std::abs(camera.params[4]), std::hypot(pq.x, pq.y));
+    const auto ratio = fov_undistorted_ratio(std::abs(camera.params[4]), std::hypot(pq.x, pq.y));
     if (!ratio) return std::nullopt;
     return Vec3d{pq.x * *ratio, pq.y * *ratio, 1};
   }

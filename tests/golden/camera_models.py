@@ -13,7 +13,7 @@ FX, FY, CX, CY = 701.25, 695.5, 331.75, 238.125
 
 
 def tangential(x, y, p1, p2):
-    """OpenCV's decentring terms, through the polar angle: x y = r^2 sin(2a)/2, x^2 - y^2 = r^2 cos 2a."""
+    """OpenCV's decentring terms in polar form: x y = r^2 sin(2a) / 2, x^2 - y^2 = r^2 cos(2a)."""
     r2, a = x * x + y * y, atan2(y, x)
     return (p1 * r2 * sin(2 * a) + p2 * r2 * (2 + cos(2 * a)),
             p2 * r2 * sin(2 * a) + p1 * r2 * (2 - cos(2 * a)))
@@ -66,7 +66,7 @@ def image_point(model, p, direction):
         dx, dy = tangential(rd * c, rd * s, p1, p0)
         x = rd * c + dx + s0 * rd ** 2 + s1 * rd ** 4
         y = rd * s + dy + s2 * rd ** 2 + s3 * rd ** 4
-    if len(p) in (3,) or model in ("SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE",
+    if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE",
                                    "RADIAL_FISHEYE"):
         return p[0] * x + p[1], p[0] * y + p[2]
     return p[0] * x + p[2], p[1] * y + p[3]

@@ -72,8 +72,8 @@ TEST(ColmapDamage, BinaryModel) {
   TempFolder folder;
   write_binary(ring_model(3, 3), folder.path());
   for (const char* file : {"cameras.bin", "images.bin", "points3D.bin"}) {
-    const Outcome outcome = damage(folder / file, kEveryBit,
-                                   [&] { internal::read_colmap_model(folder.path()); });
+    const Outcome outcome =
+        damage(folder / file, kEveryBit, [&] { internal::read_colmap_model(folder.path()); });
     // Every prefix is an error, since the counts stand first; many flips change only a number.
     EXPECT_GE(outcome.errors, static_cast<int>(read_file(folder / file).size())) << file;
     EXPECT_GT(outcome.results, 0) << file;

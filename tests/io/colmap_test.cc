@@ -285,9 +285,9 @@ TEST(Colmap, TextWithWrongCountsIsAnErrorWithItsLine) {
   EXPECT_TRUE(contains(text_error("images.txt", "# c\n1 1 0 0 0 0 0 0 1\n\n"),
                        "images.txt, line 2: the line ends where an image name"));
   // Without its second line the next image is taken for 2D points.
-  EXPECT_TRUE(contains(text_error("images.txt",
-                                  "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 1 0 0 1 b.png\n"),
-                       "not a multiple of 3"));
+  EXPECT_TRUE(
+      contains(text_error("images.txt", "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 1 0 0 1 b.png\n"),
+               "not a multiple of 3"));
   EXPECT_TRUE(contains(text_error("points3D.txt", "1 0 0 0 9 9 9 0.5 1\n"),
                        "points3D.txt, line 1: the line ends where a 2D point index"));
   EXPECT_TRUE(contains(text_error("points3D.txt", "1 0 0 1e999 9 9 9 0.5\n"), "1e999"));

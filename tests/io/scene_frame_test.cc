@@ -48,7 +48,8 @@ std::vector<Pose> arc(int n, double degrees, double low = 0.3, double high = 2.5
 
 Pose rolled(const Pose& pose, double radians) {
   Mat3d roll;
-  roll.m = {{{std::cos(radians), -std::sin(radians), 0}, {std::sin(radians), std::cos(radians), 0},
+  roll.m = {{{std::cos(radians), -std::sin(radians), 0},
+             {std::sin(radians), std::cos(radians), 0},
              {0, 0, 1}}};
   return {pose.rotation * roll, pose.translation};
 }
@@ -80,9 +81,9 @@ TEST(EstimateUp, ParallelCamerasKeepTheirOwnUp) {
     poses.push_back(p);
   }
   std::vector<std::string> warnings;
-  EXPECT_LT(angle(estimate_up(views_of(rotated(poses, tilted())), warnings),
-                  tilted() * Vec3d{0, 0, 1}),
-            0.1 * kDegree);
+  EXPECT_LT(
+      angle(estimate_up(views_of(rotated(poses, tilted())), warnings), tilted() * Vec3d{0, 0, 1}),
+      0.1 * kDegree);
 }
 
 TEST(EstimateUp, APlanarRingCorrectsRoll) {
@@ -116,9 +117,9 @@ TEST(EstimateUp, LookingDownFromTheAir) {
     to_and_fro.push_back(look_at(eye, eye - Vec3d{0.01, 0.02, 1}, {0, i / 6 % 2 ? 1.0 : -1.0, 0}));
   }
   std::vector<std::string> warnings;
-  EXPECT_LT(angle(estimate_up(views_of(rotated(turning, tilted())), warnings),
-                  tilted() * Vec3d{0, 0, 1}),
-            5 * kDegree);
+  EXPECT_LT(
+      angle(estimate_up(views_of(rotated(turning, tilted())), warnings), tilted() * Vec3d{0, 0, 1}),
+      5 * kDegree);
   EXPECT_LT(angle(estimate_up(views_of(to_and_fro), warnings), {0, 0, 1}), 5 * kDegree);
   EXPECT_TRUE(warnings.empty());
 }
@@ -155,7 +156,8 @@ TEST(EstimateFocus, NoneForParallelOrOutwardCameras) {
 }
 
 TEST(RotationToZ, TakesUpToZForAnyUp) {
-  for (const Vec3d up : {Vec3d{0, 0, 1}, Vec3d{0, 0, -1}, Vec3d{0, -1, 0}, Vec3d{0.6, 0.64, -0.48}}) {
+  for (const Vec3d up :
+       {Vec3d{0, 0, 1}, Vec3d{0, 0, -1}, Vec3d{0, -1, 0}, Vec3d{0.6, 0.64, -0.48}}) {
     const Mat3d r = rotation_to_z(up);
     EXPECT_LT(length(r * up - Vec3d{0, 0, 1}), 1e-12);
     EXPECT_NEAR(dot(cross(r.column(0), r.column(1)), r.column(2)), 1, 1e-12);
@@ -221,15 +223,17 @@ TEST(ChooseFrame, NearIsHalfOfTheClosestSupportedPoint) {
   for (int i = 0; i < 20; ++i) {
     const Vec3d eye = capture.scene.views[0].pose.translation;
     capture.scene.points.push_back({eye * 0.99, 0.5, 2});
-    capture.input.observations.push_back({0, static_cast<int32_t>(capture.scene.points.size()) - 1});
+    capture.input.observations.push_back(
+        {0, static_cast<int32_t>(capture.scene.points.size()) - 1});
   }
   capture.choose();
   double closest = 1e9;
   for (const Observation& o : capture.input.observations) {
     const ScenePoint& p = capture.scene.points[static_cast<size_t>(o.point)];
     if (p.views >= 3) {
-      closest = std::min(closest, length(p.position - capture.scene.views[static_cast<size_t>(o.image)]
-                                                          .pose.translation));
+      closest = std::min(
+          closest,
+          length(p.position - capture.scene.views[static_cast<size_t>(o.image)].pose.translation));
     }
   }
   EXPECT_GE(capture.scene.report.near, 0.5 * closest - 1e-9);

@@ -229,8 +229,9 @@ TEST(LoadScene, NamesWithSubfoldersAndSeveralCameras) {
   EXPECT_EQ(scene.views[3].name, "right/01.png");
   EXPECT_EQ(scene.cameras[static_cast<size_t>(scene.views[3].camera)].model,
             CameraModel::kSimpleRadial);
-  EXPECT_EQ(scene.report.camera_models,
-            (std::vector<std::string>{"PINHOLE 40x30 (3 images)", "SIMPLE_RADIAL 80x60 (3 images)"}));
+  EXPECT_EQ(
+      scene.report.camera_models,
+      (std::vector<std::string>{"PINHOLE 40x30 (3 images)", "SIMPLE_RADIAL 80x60 (3 images)"}));
 }
 
 TEST(LoadScene, ResizedImagesScaleTheirCamera) {
@@ -319,7 +320,8 @@ TEST(LoadScene, MasksByAllTheirNames) {
   TempFolder strangers;
   write_capture(model, strangers.path());
   write_picture(strangers / "masks" / "other.png");
-  EXPECT_TRUE(any_contains(load_scene(strangers.path()).report.warnings, "none named after an image"));
+  EXPECT_TRUE(
+      any_contains(load_scene(strangers.path()).report.warnings, "none named after an image"));
 }
 
 TEST(LoadScene, DownscaleMustLeaveSomething) {
@@ -344,10 +346,11 @@ TEST(FormatReport, SaysWhatAPersonWantsToKnow) {
   scene.report.ignored.push_back("something");
   const std::string text = format_report(scene.report);
   for (const char* part :
-       {"scene         COLMAP binary, sparse/0\n", "9 registered of 9, 1 missing\n", "PINHOLE 40x30\n",
-        "60, mean reprojection error 0.50 px\n", "extent        (", "near, far     ",
-        "up            (", "12.5 % of all pixels masked out", "values of 128 and more keep",
-        "memory        about ", "ignored       something\n", "warning       1 of 9 registered"}) {
+       {"scene         COLMAP binary, sparse/0\n", "9 registered of 9, 1 missing\n",
+        "PINHOLE 40x30\n", "60, mean reprojection error 0.50 px\n", "extent        (",
+        "near, far     ", "up            (", "12.5 % of all pixels masked out",
+        "values of 128 and more keep", "memory        about ", "ignored       something\n",
+        "warning       1 of 9 registered"}) {
     EXPECT_TRUE(contains(text, part));
   }
 }

@@ -69,16 +69,20 @@ inline std::array<double, 7> colmap_pose(const Pose& camera_to_world) {
   double w, x, y, z;
   if (trace > 0) {
     const double s = std::sqrt(trace + 1) * 2;
-    w = s / 4, x = (m[2][1] - m[1][2]) / s, y = (m[0][2] - m[2][0]) / s, z = (m[1][0] - m[0][1]) / s;
+    w = s / 4, x = (m[2][1] - m[1][2]) / s, y = (m[0][2] - m[2][0]) / s,
+    z = (m[1][0] - m[0][1]) / s;
   } else if (m[0][0] > m[1][1] && m[0][0] > m[2][2]) {
     const double s = std::sqrt(1 + m[0][0] - m[1][1] - m[2][2]) * 2;
-    w = (m[2][1] - m[1][2]) / s, x = s / 4, y = (m[0][1] + m[1][0]) / s, z = (m[0][2] + m[2][0]) / s;
+    w = (m[2][1] - m[1][2]) / s, x = s / 4, y = (m[0][1] + m[1][0]) / s,
+    z = (m[0][2] + m[2][0]) / s;
   } else if (m[1][1] > m[2][2]) {
     const double s = std::sqrt(1 + m[1][1] - m[0][0] - m[2][2]) * 2;
-    w = (m[0][2] - m[2][0]) / s, x = (m[0][1] + m[1][0]) / s, y = s / 4, z = (m[1][2] + m[2][1]) / s;
+    w = (m[0][2] - m[2][0]) / s, x = (m[0][1] + m[1][0]) / s, y = s / 4,
+    z = (m[1][2] + m[2][1]) / s;
   } else {
     const double s = std::sqrt(1 + m[2][2] - m[0][0] - m[1][1]) * 2;
-    w = (m[1][0] - m[0][1]) / s, x = (m[0][2] + m[2][0]) / s, y = (m[1][2] + m[2][1]) / s, z = s / 4;
+    w = (m[1][0] - m[0][1]) / s, x = (m[0][2] + m[2][0]) / s, y = (m[1][2] + m[2][1]) / s,
+    z = s / 4;
   }
   return {w, x, y, z, p.translation.x, p.translation.y, p.translation.z};
 }
@@ -108,7 +112,8 @@ inline TestModel ring_model(int n = 4, int points = 3) {
                  r = std::cbrt(std::fmod(i * 0.754, 1.0));
     const double flat = r * std::sqrt(1 - z * z);
     point.position = {flat * std::cos(a), flat * std::sin(a), r * z};
-    for (int k = 0; k < std::min(n, 3); ++k) point.track.push_back({static_cast<uint32_t>(k) + 1, 0});
+    for (int k = 0; k < std::min(n, 3); ++k)
+      point.track.push_back({static_cast<uint32_t>(k) + 1, 0});
     model.points.push_back(point);
   }
   return model;
@@ -226,13 +231,13 @@ inline void write_rigs_and_frames(const TestModel& model, const std::filesystem:
 }
 
 inline void write_colmap_text(const TestModel& model, const std::filesystem::path& folder) {
-  std::string cameras = fmt::format(
-      "# Camera list with one line of data per camera:\n# Number of cameras: {}\n",
-      model.cameras.size());
+  std::string cameras =
+      fmt::format("# Camera list with one line of data per camera:\n# Number of cameras: {}\n",
+                  model.cameras.size());
   for (const TestCamera& c : model.cameras) {
-    cameras += fmt::format("{} {} {} {} {}\n", c.id,
-                           camera_model_name(static_cast<CameraModel>(c.model)), c.width, c.height,
-                           fmt::join(c.params, " "));
+    cameras +=
+        fmt::format("{} {} {} {} {}\n", c.id, camera_model_name(static_cast<CameraModel>(c.model)),
+                    c.width, c.height, fmt::join(c.params, " "));
   }
   std::string images = fmt::format(
       "# Image list with two lines of data per image:\n# Number of images: {}, mean observations: "
@@ -271,9 +276,8 @@ inline std::string transforms_text(int n, const std::string& prefix, const std::
       // OpenGL's axes: y and z turned round.
       rows += fmt::format("[{},{},{},{}],", m[0], -m[1], -m[2], p.translation[static_cast<int>(r)]);
     }
-    frames.push_back(
-        fmt::format("{{\"file_path\":\"{}{}{}\",\"transform_matrix\":[{}[0,0,0,1]]}}", prefix, i,
-                    extension, rows));
+    frames.push_back(fmt::format("{{\"file_path\":\"{}{}{}\",\"transform_matrix\":[{}[0,0,0,1]]}}",
+                                 prefix, i, extension, rows));
   }
   return fmt::format("{{{},\n\"frames\":[{}]}}", head, fmt::join(frames, ",\n"));
 }

@@ -178,7 +178,8 @@ TEST_F(Transforms, ScaledRotationsAreTakenShearedOnesNot) {
     json& cell = root["frames"][1]["transform_matrix"][r][0];
     cell = cell.get<double>() * 1.3;
   }
-  EXPECT_TRUE(contains(error(root), "frames[1]: \"transform_matrix\" does not begin with a rotation"));
+  EXPECT_TRUE(
+      contains(error(root), "frames[1]: \"transform_matrix\" does not begin with a rotation"));
   root = transforms();
   for (size_t r = 0; r < 3; ++r) {
     json& cell = root["frames"][1]["transform_matrix"][r][0];
@@ -198,7 +199,8 @@ TEST_F(Transforms, BrokenFilesAreErrorsWithTheirPlace) {
   EXPECT_TRUE(contains(with([](json& r) { r["frames"][2].erase("file_path"); }),
                        "transforms.json, frames[2]: there is no \"file_path\""));
   EXPECT_TRUE(contains(with([](json& r) { r["frames"][2]["file_path"] = 7; }), "is not text"));
-  EXPECT_TRUE(contains(with([](json& r) { r["frames"][1].erase("transform_matrix"); }), "frames[1]"));
+  EXPECT_TRUE(
+      contains(with([](json& r) { r["frames"][1].erase("transform_matrix"); }), "frames[1]"));
   EXPECT_TRUE(contains(with([](json& r) { r["frames"][1]["transform_matrix"][0].erase(0); }),
                        "4 rows of 4 numbers"));
   EXPECT_TRUE(contains(with([](json& r) { r["frames"][1]["transform_matrix"][0][1] = nullptr; }),
@@ -220,8 +222,7 @@ TEST_F(Transforms, BrokenFilesAreErrorsWithTheirPlace) {
                        "camera_model EQUIRECTANGULAR is not supported"));
   const std::string cut = transforms().dump(1).substr(0, 300);
   write_text(folder_ / "transforms.json", cut);
-  const std::string error =
-      error_of([&] { read_transforms_scene(folder_ / "transforms.json"); });
+  const std::string error = error_of([&] { read_transforms_scene(folder_ / "transforms.json"); });
   EXPECT_TRUE(contains(error, "transforms.json: parse error at line "));
 }
 
@@ -247,8 +248,8 @@ TEST(Blender, TrainAndTestFiles) {
   std::filesystem::remove(folder / "transforms_val.json");
   EXPECT_TRUE(read_blender_scene(folder.path()).is_test.empty());
   std::filesystem::remove(folder / "transforms_train.json");
-  EXPECT_TRUE(contains(error_of([&] { read_blender_scene(folder.path()); }),
-                       "no transforms_train.json"));
+  EXPECT_TRUE(
+      contains(error_of([&] { read_blender_scene(folder.path()); }), "no transforms_train.json"));
 }
 
 }  // namespace

@@ -42,8 +42,8 @@ std::vector<Camera> all_cameras() {
       make_camera(kThinPrismFisheye, {301, 298, 322, 238, 0.02, -0.01, 0.001, -0.001, 0.003,
                                       -0.0004, 0.0007, -0.0005}),
       make_camera(kRadTanThinPrismFisheye,
-                  {301, 298, 322, 238, 0.02, -0.02, 0.007, -0.002, 0.0004, -0.00003, 0.001,
-                   -0.0008, 0.0006, -0.0002, -0.0004, 0.0003}),
+                  {301, 298, 322, 238, 0.02, -0.02, 0.007, -0.002, 0.0004, -0.00003, 0.001, -0.0008,
+                   0.0006, -0.0002, -0.0004, 0.0003}),
   };
 }
 
@@ -150,7 +150,7 @@ TEST(Camera, FisheyeSeesBehindThePlaneThatAPinholeDoesNot) {
   const auto back = unproject(fisheye, *pixel);
   ASSERT_TRUE(back);
   EXPECT_LT(length(*back - normalized(behind)), 1e-12);
-  EXPECT_FALSE(project(fisheye, {0, 0, -1}));  // a whole circle of the image
+  EXPECT_FALSE(project(fisheye, {0, 0, -1}));                // a whole circle of the image
   EXPECT_FALSE(unproject(fisheye, {320 + 300 * 3.2, 240}));  // an angle beyond 180 degrees
 
   const Camera pinhole = make_camera(CameraModel::kPinhole, {300, 300, 320, 240});
@@ -205,8 +205,8 @@ TEST(Camera, AcceptsADipThatStaysAboveZero) {
 
 TEST(Camera, RejectsThePoleOfARationalDistortion) {
   // Denominator 1 - 0.5 s has its pole at r = sqrt(2).
-  const Camera camera = make_camera(CameraModel::kFullOpenCV,
-                                    {500, 500, 320, 240, 0, 0, 0, 0, 0, -0.5, 0, 0});
+  const Camera camera =
+      make_camera(CameraModel::kFullOpenCV, {500, 500, 320, 240, 0, 0, 0, 0, 0, -0.5, 0, 0});
   EXPECT_TRUE(project(camera, {1.3, 0, 1}));
   EXPECT_FALSE(project(camera, {1.5, 0, 1}));
   const auto d = unproject(camera, {320 + 500 * 1.3 / (1 - 0.5 * 1.69), 240});
@@ -219,8 +219,8 @@ TEST(Camera, RejectsThePoleOfARationalDistortion) {
 TEST(Camera, RejectsTheBranchBehindAPole) {
   const double a = 1 / (std::numbers::pi * std::numbers::pi);
   const Camera camera =
-      make_camera(CameraModel::kFullOpenCV, {500, 500, 320, 240, -a, 0, 0, 0, 0, -4 * a - 4 * a / 9,
-                                             16 * a * a / 9, 0});
+      make_camera(CameraModel::kFullOpenCV,
+                  {500, 500, 320, 240, -a, 0, 0, 0, 0, -4 * a - 4 * a / 9, 16 * a * a / 9, 0});
   EXPECT_TRUE(project(camera, {1.4, 0, 1}));
   EXPECT_FALSE(project(camera, {2.0, 0, 1}));
   EXPECT_FALSE(project(camera, {std::sqrt(10.5), 0, 1}));

@@ -51,8 +51,8 @@ TEST(Polynomial, PositiveOnHandlesItsBorders) {
   EXPECT_TRUE(positive_on(make({1, -1}), 0.999));
   EXPECT_FALSE(positive_on(make({1, -1}), 1));
   EXPECT_TRUE(positive_on(make({1, -1}), 0));
-  EXPECT_FALSE(positive_on(make({1, -2, 1}), 2));             // touches zero
-  EXPECT_TRUE(positive_on(make({1.000001, -2, 1}), 2));       // just does not
+  EXPECT_FALSE(positive_on(make({1, -2, 1}), 2));        // touches zero
+  EXPECT_TRUE(positive_on(make({1.000001, -2, 1}), 2));  // just does not
   EXPECT_FALSE(positive_on(make({1, std::nan("")}), 1));
 }
 
