@@ -83,10 +83,9 @@ std::string rate_text(double x, const char* unit) {
 // One training with its screen and its folder.
 class Training {
  public:
-  Training(const TrainCommand& command, std::set<std::string> given, const RunFolder& folder,
-           const Scene& scene, const PhotoSet& photos, ThreadPool& pool, const SignalCancel& stop)
+  Training(const TrainCommand& command, const RunFolder& folder, const Scene& scene,
+           const PhotoSet& photos, ThreadPool& pool, const SignalCancel& stop)
       : command_(command),
-        given_(std::move(given)),
         folder_(folder),
         scene_(scene),
         photos_(photos),
@@ -146,7 +145,7 @@ class Training {
   void on_plan(int64_t steps) {
     progress_.clear();
     log_info(fmt::format("the plan is {} steps; the same result again: {}", steps,
-                         equivalent_command(command_, given_, steps)));
+                         equivalent_command(command_, steps)));
   }
 
   void on_evaluation(bool last) {
@@ -204,7 +203,6 @@ class Training {
   }
 
   const TrainCommand& command_;
-  const std::set<std::string> given_;
   const RunFolder& folder_;
   const Scene& scene_;
   const PhotoSet& photos_;
@@ -231,7 +229,7 @@ int train_main(int argc, char** argv) {
   const Scene scene = read_scene(command, stop);
   const PhotoSet photos = decode(scene, pool, stop);
   folder.keep();
-  return Training(command, line.given, folder, scene, photos, pool, stop).run();
+  return Training(command, folder, scene, photos, pool, stop).run();
 }
 
 }  // namespace

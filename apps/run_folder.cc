@@ -52,12 +52,17 @@ bool RunFolder::has_checkpoint() const {
 
 void RunFolder::clear() const {
   std::error_code failed;
-  for (const fs::path& file : {checkpoint(), model(), result(), metrics(), options()}) {
+  if (!fs::exists(options(), failed) && !has_checkpoint()) return;
+  const auto remove = [&](const fs::path& file) {
     fs::remove(file, failed);
     if (failed) throw errno_error(failed.value(), "cannot remove", file);
-  }
-  fs::remove_all(pictures(), failed);
-  if (failed) throw errno_error(failed.value(), "cannot remove", pictures());
+  };
+  for (const fs::path& file : {checkpoint(), model(), result(), metrics()}) remove(file);
+  std::vector<fs::path> old;
+  for (const auto& entry : fs::directory_iterator(pictures(), failed))
+    if (entry.path().extension() == ".png") old.push_back(entry.path());
+  for (const fs::path& file : old) remove(file);
+  remove(options());  // last: an interrupted clearing can be taken up again
 }
 
 MetricsFile::MetricsFile(fs::path path, int64_t steps) : path_(std::move(path)) {

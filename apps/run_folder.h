@@ -32,7 +32,7 @@ class RunFolder {
   std::filesystem::path pictures() const { return path_ / "eval"; }
 
   bool has_checkpoint() const;
-  // Removes what an earlier run left, and nothing else.
+  // Removes what an earlier run left (where there was one), nothing else.
   void clear() const;
 
  private:

@@ -17,6 +17,12 @@ bool is_free(const OptionField& field) {
   return std::find(kFree.begin(), kFree.end(), field.name) != kFree.end();
 }
 
+// Of those, what the run's later parts do not take over from its first.
+bool is_of_this_part(const OptionField& field) {
+  constexpr std::array kOwn = {"scene", "out", "threads", "resume", "overwrite"};
+  return std::find(kOwn.begin(), kOwn.end(), field.name) != kOwn.end();
+}
+
 // As a shell reads it.
 std::string quoted(const std::string& text) {
   const auto plain = [](unsigned char c) {
@@ -77,7 +83,11 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
   if (command.scene.empty()) command.scene = saved.scene;
   const auto fields = option_fields(command), were = option_fields(saved);
   for (size_t i = 0; i < fields.size(); ++i) {
-    if (is_free(fields[i])) continue;
+    if (is_free(fields[i])) {
+      if (!is_of_this_part(fields[i]) && !given.contains(fields[i].name))
+        fields[i].set(were[i].get());
+      continue;
+    }
     const std::string is = option_text(fields[i]), was = option_text(were[i]);
     if (given.contains(fields[i].name) && is != was)
       throw Error("the run was begun with " + option_flag(fields[i]) + " " + was + ", not " + is,
@@ -86,20 +96,20 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
   }
 }
 
-std::string equivalent_command(const TrainCommand& command, const std::set<std::string>& given,
-                               int64_t steps) {
-  TrainCommand copy = command;
+std::string equivalent_command(const TrainCommand& command, int64_t steps) {
+  TrainCommand copy = command, usual;
   std::string line = "nerf_train " + quoted(copy.scene.string());
-  for (const OptionField& field : option_fields(copy)) {
+  const auto fields = option_fields(copy), defaults = option_fields(usual);
+  for (size_t i = 0; i < fields.size(); ++i) {
+    const OptionField& field = fields[i];
+    const std::string value = option_text(field);
     if (is_free(field) || field.name == "minutes" || field.name == "steps" ||
-        !given.contains(field.name))
+        value == option_text(defaults[i]))
       continue;
-    if (field.type == OptionType::kBool) {
-      line += std::get<bool>(field.get().value()) ? " " + option_flag(field)
-                                                  : " --no-" + option_flag(field).substr(2);
-    } else {
-      line += " " + option_flag(field) + " " + quoted(option_text(field));
-    }
+    if (field.type == OptionType::kBool)
+      line += (value == "true" ? " --" : " --no-") + option_flag(field).substr(2);
+    else
+      line += " " + option_flag(field) + " " + quoted(value);
   }
   return line + " --steps " + std::to_string(steps);
 }

@@ -102,10 +102,9 @@ ProgramText train_program_text();
 void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
                     const std::string& where);
 
-// The command that repeats a run of `steps` steps exactly: `given` as it was, --steps for
-// --minutes.
-std::string equivalent_command(const TrainCommand& command, const std::set<std::string>& given,
-                               int64_t steps);
+// The command that repeats a run of `steps` steps exactly: --steps for --minutes, and every option
+// of the result that is not as usual.
+std::string equivalent_command(const TrainCommand& command, int64_t steps);
 
 // runs/<name of the scene>.
 std::filesystem::path default_run_folder(const std::filesystem::path& scene);

@@ -34,9 +34,9 @@ struct Layer {
         w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
         dw(w.size()) {}
   void finish(benchmark::State& state) const {
-    state.counters["FLOP/s"] = benchmark::Counter(
-        2.0 * in * out * kChunkSamples * static_cast<double>(state.iterations()),
-        benchmark::Counter::kIsRate);
+    state.counters["FLOP/s"] =
+        benchmark::Counter(2.0 * in * out * kChunkSamples * static_cast<double>(state.iterations()),
+                           benchmark::Counter::kIsRate);
   }
   int in, out;
   AlignedArray<float> x, y, dx, xt, w, dw;

@@ -94,10 +94,19 @@ class SceneBench {
     const fs::path folder = options_.out / name;
     const fs::path self = fs::read_symlink("/proc/self/exe").parent_path() / "nerf_train";
     const std::string program = fs::exists(self) ? self.string() : "nerf_train";
-    std::vector<std::string> command = {program, options_.scene.string(), "-o", folder.string(),
-                                        "--overwrite", "--minutes", fmt::format("{}", minutes),
-                                        "--seed", std::to_string(seed), "--split", options_.split,
-                                        "--threads", std::to_string(threads)};
+    std::vector<std::string> command = {program,
+                                        options_.scene.string(),
+                                        "-o",
+                                        folder.string(),
+                                        "--overwrite",
+                                        "--minutes",
+                                        fmt::format("{}", minutes),
+                                        "--seed",
+                                        std::to_string(seed),
+                                        "--split",
+                                        options_.split,
+                                        "--threads",
+                                        std::to_string(threads)};
     if (options_.downscale > 1) {
       command.push_back("--downscale");
       command.push_back(std::to_string(options_.downscale));
@@ -108,9 +117,9 @@ class SceneBench {
     for (std::string line; std::getline(lines, line);) {
       const Json j = Json::parse(line);
       if (j.value("kind", "") == "evaluation")
-        curve_ += fmt::format("{},{},{:.1f},{},{:.3f},{:.4f}\n", name, seed,
-                              j["seconds"].get<double>(), j["step"].get<int64_t>(),
-                              j["psnr"].get<double>(), j["ssim"].get<double>());
+        curve_ +=
+            fmt::format("{},{},{:.1f},{},{:.3f},{:.4f}\n", name, seed, j["seconds"].get<double>(),
+                        j["step"].get<int64_t>(), j["psnr"].get<double>(), j["ssim"].get<double>());
     }
     return Json::parse(read_text_file(folder / "result.json"));
   }
@@ -135,9 +144,10 @@ class SceneBench {
   void scaling() {
     const int all = options_.threads > 0 ? options_.threads : available_processors();
     const double one = train("threads_1", options_.scaling_minutes, 1, 1)["samples_per_second"];
-    const double many = train("threads_all", options_.scaling_minutes, 1, all)["samples_per_second"];
-    std::printf("\nthreads 1 -> %d: %.2f -> %.2f M samples/s, %.2fx\n", all, one * 1e-6, many * 1e-6,
-                many / one);
+    const double many =
+        train("threads_all", options_.scaling_minutes, 1, all)["samples_per_second"];
+    std::printf("\nthreads 1 -> %d: %.2f -> %.2f M samples/s, %.2fx\n", all, one * 1e-6,
+                many * 1e-6, many / one);
   }
 
   void rendering() {

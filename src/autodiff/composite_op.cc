@@ -14,7 +14,8 @@ namespace {
 // dimmed by it. The fourth row, opacity 1 - T_n, behaves as a colour of 1 over a background of 0.
 class CompositeOp : public Operation {
  public:
-  CompositeOp(Value density, Value colour, Value delta, Value background, Value weights, Value pixel)
+  CompositeOp(Value density, Value colour, Value delta, Value background, Value weights,
+              Value pixel)
       : Operation({density, colour, delta, background}, pixel), weights_(weights) {}
   const char* name() const override { return "composite"; }
 

@@ -63,9 +63,9 @@ class Slice : public Operation {
     const int64_t ld = c.stride(output());
     float* dx = c.gradient(inputs()[0]);
     if (overwrites(0))
-      std::memset(dx, 0,
-                  static_cast<size_t>(c.tape->rows(inputs()[0])) * static_cast<size_t>(ld) *
-                      sizeof(float));
+      std::memset(
+          dx, 0,
+          static_cast<size_t>(c.tape->rows(inputs()[0])) * static_cast<size_t>(ld) * sizeof(float));
     pass_rows(false, c.tape->rows(output()), c.count(output()), ld, c.gradient(output()),
               dx + first_ * ld);
   }

@@ -35,8 +35,8 @@ class Linear : public Operation {
     if (!c.tape->needs_gradient(x)) return;
 
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
-    const bool mask = maker && maker->activation_ == LinearActivation::kRelu &&
-                      c.tape->only_consumer(x) == this;
+    const bool mask =
+        maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
     const float* relu_output = mask ? c.data(x) : nullptr;
     if (overwrites(0)) {
       linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, c.gradient(x), ld, n,

@@ -10,8 +10,8 @@ namespace nerf {
 
 namespace {
 
-// First-fit allocation of the gradients' memory: a gradient lives from the backward pass of the last
-// operation that reads its value to that of the one that makes it.
+// First-fit allocation of the gradients' memory: a gradient lives from the backward pass of the
+// last operation that reads its value to that of the one that makes it.
 class Arena {
  public:
   explicit Arena(size_t begin) : end_(begin) {}
@@ -66,9 +66,7 @@ float* Chunk::gradient(Value v) {
   return arena.data() + tape->values_[static_cast<size_t>(v)].grad;
 }
 int64_t Chunk::stride(Value v) const { return tape->capacity(tape->domain(v)); }
-int64_t Chunk::count(Value v) const {
-  return tape->domain(v) == Domain::kSamples ? samples : rays;
-}
+int64_t Chunk::count(Value v) const { return tape->domain(v) == Domain::kSamples ? samples : rays; }
 
 Tape::Tape(int sample_capacity, int ray_capacity)
     : samples_(static_cast<int>(round_up(sample_capacity, kLane))),

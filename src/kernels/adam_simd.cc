@@ -1,14 +1,15 @@
-#include "nerf/kernels/adam.h"
-
 #include <cmath>
 #include <cstring>
 
+#include "nerf/kernels/adam.h"
 #include "nerf/kernels/linear.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "kernels/adam_simd.cc"
+// clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+// clang-format on
 
 HWY_BEFORE_NAMESPACE();
 namespace nerf {
@@ -23,14 +24,13 @@ HWY_INLINE void update(D d, const AdamStep& o, float c1, float c2, hn::Vec<D> g,
                        float* w) {
   const auto weight = hn::Load(d, w);
   g = hn::MulAdd(hn::Set(d, o.l2), weight, g);
-  const auto m1 = hn::MulAdd(hn::Set(d, 1.0f - o.beta1), g,
-                             hn::Mul(hn::Set(d, o.beta1), hn::Load(d, m)));
+  const auto m1 =
+      hn::MulAdd(hn::Set(d, 1.0f - o.beta1), g, hn::Mul(hn::Set(d, o.beta1), hn::Load(d, m)));
   const auto v1 = hn::MulAdd(hn::Set(d, 1.0f - o.beta2), hn::Mul(g, g),
                              hn::Mul(hn::Set(d, o.beta2), hn::Load(d, v)));
   hn::Store(m1, d, m);
   hn::Store(v1, d, v);
-  const auto denominator =
-      hn::MulAdd(hn::Sqrt(v1), hn::Set(d, c2), hn::Set(d, o.epsilon));
+  const auto denominator = hn::MulAdd(hn::Sqrt(v1), hn::Set(d, c2), hn::Set(d, o.epsilon));
   hn::Store(hn::NegMulAdd(hn::Set(d, c1), hn::Div(m1, denominator), weight), d, w);
 }
 
@@ -92,8 +92,8 @@ void bias_corrections(const AdamStep& options, float* correction) {
   for (int t = 1; t < kBiasCorrections; ++t) {
     correction[2 * t] =
         static_cast<float>(1 / (1 - std::pow(static_cast<double>(options.beta1), t)));
-    correction[2 * t + 1] = static_cast<float>(
-        1 / std::sqrt(1 - std::pow(static_cast<double>(options.beta2), t)));
+    correction[2 * t + 1] =
+        static_cast<float>(1 / std::sqrt(1 - std::pow(static_cast<double>(options.beta2), t)));
   }
 }
 }  // namespace nerf

@@ -1,12 +1,13 @@
 #include "nerf/kernels/elementwise.h"
-
 #include "nerf/kernels/linear.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "kernels/elementwise_simd.cc"
+// clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 #include <hwy/contrib/math/math-inl.h>
+// clang-format on
 
 HWY_BEFORE_NAMESPACE();
 namespace nerf {
@@ -86,7 +87,9 @@ void truncated_exp_forward(int64_t n, const float* x, float* y) {
 void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* dx) {
   HWY_DYNAMIC_DISPATCH(exp_backward)(n, x, dy, dx);
 }
-void sigmoid_forward(int64_t n, const float* x, float* y) { HWY_DYNAMIC_DISPATCH(sigmoid)(n, x, y); }
+void sigmoid_forward(int64_t n, const float* x, float* y) {
+  HWY_DYNAMIC_DISPATCH(sigmoid)(n, x, y);
+}
 void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx) {
   HWY_DYNAMIC_DISPATCH(sigmoid_gradient)(n, y, dy, dx);
 }

@@ -3,9 +3,11 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "kernels/hash_grid_simd.cc"
+// clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 #include <hwy/cache_control.h>
+// clang-format on
 
 HWY_BEFORE_NAMESPACE();
 namespace nerf {
@@ -28,8 +30,8 @@ struct Corners {
 };
 
 struct Axis {
-  hn::Vec<DU8> low, high;   // index terms of the two vertices
-  hn::Vec<D8> near, far;    // their weights
+  hn::Vec<DU8> low, high;  // index terms of the two vertices
+  hn::Vec<D8> near, far;   // their weights
 };
 
 HWY_INLINE Axis axis(const float* p, float scale, uint32_t multiplier, hn::Vec<DI8>* cell) {

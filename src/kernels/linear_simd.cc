@@ -2,8 +2,10 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "kernels/linear_simd.cc"
+// clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+// clang-format on
 
 HWY_BEFORE_NAMESPACE();
 namespace nerf {
@@ -63,8 +65,8 @@ HWY_INLINE void rows_remainder(int rows, const float* a, int64_t a_row, int64_t 
                                const float* b, int depth, int64_t ld, const float* bias,
                                const float* mask, float* out) {
   switch (rows) {
-#define NERF_CASE(R)                                                               \
-  case R:                                                                          \
+#define NERF_CASE(R)                                                         \
+  case R:                                                                    \
     block<R, NV, kEpilogue>(a, a_row, a_col, b, depth, ld, bias, mask, out); \
     break;
     NERF_CASE(1)
@@ -131,7 +133,8 @@ void backward_input(int in, int out, const float* w, const float* dy, float* dx,
     multiply<Epilogue::kNone>(in, w, 1, ldw, dy, out, ld, n, nullptr, nullptr, dx);
 }
 
-// 8x8 transposes in 256-bit vectors on every target (two 128-bit halves where those are the widest).
+// 8x8 transposes in 256-bit vectors on every target (two 128-bit halves where those are the
+// widest).
 void transpose(int in, const float* x, int64_t ld, int64_t n, float* xt) {
   const int64_t ldt = weight_stride(in);
   const int64_t end = round_up(n, kLane);
@@ -196,8 +199,7 @@ void outer_columns(int rows, const float* dy, int64_t ld, const float* xt, int64
   int r = 0;
   for (; r + kOuterRows <= rows; r += kOuterRows)
     outer_block<kOuterRows, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
-  for (; r + 2 <= rows; r += 2)
-    outer_block<2, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
+  for (; r + 2 <= rows; r += 2) outer_block<2, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
   for (; r < rows; ++r) outer_block<1, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
 }
 

@@ -42,8 +42,8 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
   size_t size = 0;
   density_layers =
       place_layers(shape.features(), o.hidden, o.density_layers, o.geometry_features, size);
-  colour_layers = place_layers(o.geometry_features + kSphericalHarmonics, o.hidden,
-                               o.colour_layers, 3, size);
+  colour_layers =
+      place_layers(o.geometry_features + kSphericalHarmonics, o.hidden, o.colour_layers, 3, size);
   weights = AlignedArray<float>(size);
 }
 
@@ -75,8 +75,8 @@ GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
   const Value h = mlp(tape, features, field.density_layers);
   density = truncated_exp(tape, slice(tape, h, 0, 1));
   density_operations_ = tape.operations();
-  colour = sigmoid(tape, mlp(tape, concat(tape, h, view_code(tape, directions)),
-                             field.colour_layers));
+  colour =
+      sigmoid(tape, mlp(tape, concat(tape, h, view_code(tape, directions)), field.colour_layers));
   field_operations_ = tape.operations();
   image = composite(tape, density, colour, delta, background);
   if (training) {

@@ -44,8 +44,7 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
       x[i] = g.x;
       y[i] = g.y;
       z[i] = g.z;
-      for (int k = 0; k < 3; ++k)
-        direction[k * kChunkRays + i] = static_cast<float>(d[k]);
+      for (int k = 0; k < 3; ++k) direction[k * kChunkRays + i] = static_cast<float>(d[k]);
       ray_begin[i] = i;
     }
     ray_begin[count] = count;
@@ -57,9 +56,9 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
     const float* colour = chunk->data(tape.colour);
     for (int i = 0; i < count; ++i) {
       const size_t to = static_cast<size_t>(begin + i);
-      density[to] =
-          inside[i] ? static_cast<float>(sigma[i] * info_.to_engine.scale) : 0.0f;
-      for (size_t k = 0; k < 3; ++k) rgb[3 * to + k] = colour[k * kChunkSamples + static_cast<size_t>(i)];
+      density[to] = inside[i] ? static_cast<float>(sigma[i] * info_.to_engine.scale) : 0.0f;
+      for (size_t k = 0; k < 3; ++k)
+        rgb[3 * to + k] = colour[k * kChunkSamples + static_cast<size_t>(i)];
     }
   });
 }

@@ -163,8 +163,7 @@ class TileRenderer {
           s.rgb[k] + s.transmittance * options_.background[k];
     frame_->alpha[p] = 1 - s.transmittance;
     frame_->depth_z[p] =
-        s.median < 0 ? 0.0f
-                     : static_cast<float>((s.start + s.median) * s.forward * unit_);
+        s.median < 0 ? 0.0f : static_cast<float>((s.start + s.median) * s.forward * unit_);
   }
 
   const GridField& field_;

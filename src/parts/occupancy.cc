@@ -10,7 +10,7 @@ namespace nerf {
 namespace {
 constexpr float kUnknown = 0.02f;  // before anything was seen: occupied, and everywhere alike
 constexpr float kRise = 0.15f, kFall = 0.15f;
-constexpr float kSolid = 0.1f;        // opacity from which a cell keeps its neighbours switched on
+constexpr float kSolid = 0.1f;  // opacity from which a cell keeps its neighbours switched on
 constexpr float kMostOpaque = 0.9999f;  // keeps the thickness of a cell finite
 
 int64_t brick_major(int x, int y, int z) {
@@ -28,8 +28,7 @@ uint64_t grow(const std::vector<uint64_t>& solid, size_t cascade, int bx, int by
   constexpr int n = OccupancyGrid::kBricks;
   const auto at = [&](int x, int y, int z) -> uint64_t {
     if (x < 0 || y < 0 || z < 0 || x >= n || y >= n || z >= n) return 0;
-    return solid[cascade * n * n * n +
-                 static_cast<size_t>((int64_t{z} * n + y) * n + x)];
+    return solid[cascade * n * n * n + static_cast<size_t>((int64_t{z} * n + y) * n + x)];
   };
   const uint64_t m = at(bx, by, bz);
   uint64_t out = m;
@@ -55,8 +54,7 @@ OccupancyGrid::OccupancyGrid(int cascades)
   NERF_CHECK(cascades >= 1 && cascades <= 16);
   for (int i = 0; i < 256; ++i) {
     const float root = static_cast<float>(i) / 255.0f;
-    thickness_of_level_[static_cast<size_t>(i)] =
-        -std::log1p(-std::min(root * root, kMostOpaque));
+    thickness_of_level_[static_cast<size_t>(i)] = -std::log1p(-std::min(root * root, kMostOpaque));
   }
   std::fill(opacity_.begin(), opacity_.end(), kUnknown);
   rebuild(0.01f);
@@ -65,7 +63,8 @@ OccupancyGrid::OccupancyGrid(int cascades)
 int OccupancyGrid::cascade_of(const Vec3& p) const {
   int c = 0;
   float half = 1;
-  // Lower borders belong to a cascade, upper ones do not: the same rule by which a cell holds points.
+  // Lower borders belong to a cascade, upper ones do not: the same rule by which a cell holds
+  // points.
   const auto holds = [&](float v) { return v >= -half && v < half; };
   while (c < cascades_ && !(holds(p.x) && holds(p.y) && holds(p.z))) {
     half *= 2;
@@ -124,8 +123,7 @@ void OccupancyGrid::rebuild(float threshold) {
 void OccupancyGrid::keep_neighbours_of_solid() {
   std::vector<uint64_t> solid(masks_.size());
   for (size_t b = 0; b < masks_.size(); ++b)
-    for (size_t i = 0; i < 64; ++i)
-      solid[b] |= uint64_t{opacity_[b * 64 + i] >= kSolid} << i;
+    for (size_t i = 0; i < 64; ++i) solid[b] |= uint64_t{opacity_[b * 64 + i] >= kSolid} << i;
   for (size_t b = 0; b < masks_.size(); ++b) {
     constexpr size_t n = kBricks;
     const uint64_t grown = grow(solid, b / (n * n * n), static_cast<int>(b % n),

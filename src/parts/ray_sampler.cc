@@ -38,11 +38,12 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
 }
 
 // Traversal of a regular grid (Amanatides and Woo 1987) in two levels: bricks of 4^3 cells, and the
-// cells of the bricks that hold any matter. Borders are found from integers, so errors do not add up.
+// cells of the bricks that hold any matter. Borders are found from integers, so errors do not add
+// up.
 struct RaySampler::Traversal {
   Vec3 origin, direction, inverse;
   int step[3], positive[3];
-  float end;    // of the ray
+  float end;              // of the ray
   float depth = 0, stop;  // optical depth so far, and where to stop
 
   // t of the border of slot `at` (width w, slot 0 starting at -half) that the ray leaves through.
@@ -80,9 +81,10 @@ void RaySampler::march(const Ray& ray, float min_transmittance) {
     v.positive[i] = d > 0;
     v.inverse[i] = v.step[i] ? 1.0f / d : 0.0f;
   }
-  if (!(v.end <= 4 * static_cast<float>(1 << grid_.cascades()))) return;  // coordinates are no numbers
-  // Nudged across the border that the ray, or the last stretch of it, starts on. One that enters along
-  // the grid's upper border is inside, wherever rounding has put it.
+  if (!(v.end <= 4 * static_cast<float>(1 << grid_.cascades())))
+    return;  // coordinates are no numbers
+  // Nudged across the border that the ray, or the last stretch of it, starts on. One that enters
+  // along the grid's upper border is inside, wherever rounding has put it.
   constexpr float kNudge = 1e-6f;
   int c = std::min(grid_.cascade_of(v.origin + v.direction * kNudge), grid_.cascades() - 1);
   float t = 0;
@@ -115,7 +117,8 @@ float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
     t = exit;
     if (t >= v.end || v.depth >= v.stop) return t;
     at[axis] += v.step[axis];
-    // By the bricks' places and not by the point's: rounding may keep a point this side of the border.
+    // By the bricks' places and not by the point's: rounding may keep a point this side of the
+    // border.
     if (at[axis] < 0 || at[axis] >= kBricks) {
       ++cascade;
       return t;
@@ -128,8 +131,8 @@ float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
   }
 }
 
-void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask, const int brick_at[3],
-                             float t, float brick_exit) {
+void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
+                             const int brick_at[3], float t, float brick_exit) {
   constexpr int kHalf = OccupancyGrid::kSide / 2;
   const float width = OccupancyGrid::cell_width(c), scale = 1.0f / width;
   int at[3];
@@ -195,11 +198,11 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
   march(ray, follow_cache ? options_.min_transmittance : 0);
   if (segment_count_ == 0) return 0;
   const int count = choose_count(follow_cache);
-  // Inverse of the distribution at the borders k / count of equal mass (interval lengths) and at one
-  // place inside each (positions), in one walk over the segments.
+  // Inverse of the distribution at the borders k / count of equal mass (interval lengths) and at
+  // one place inside each (positions), in one walk over the segments.
   size_t s = 0;
-  float below = 0;  // mass of the segments before s
-  float matter = 0; // their length
+  float below = 0;   // mass of the segments before s
+  float matter = 0;  // their length
   const auto advance = [&](float target, float& length) {
     while (s + 1 < static_cast<size_t>(segment_count_) && below + mass_[s] < target) {
       below += mass_[s];

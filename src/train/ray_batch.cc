@@ -9,11 +9,7 @@
 namespace nerf {
 
 PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
-    : photos_(photos),
-      views_(scene.train),
-      near_(scene.near),
-      far_(1e30),
-      alpha_(scene.alpha) {
+    : photos_(photos), views_(scene.train), near_(scene.near), far_(1e30), alpha_(scene.alpha) {
   pixels_before_.push_back(0);
   for (int v : views_) {
     const Photo& p = photos.photos[static_cast<size_t>(v)];
@@ -26,9 +22,9 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
 
 bool PixelSource::draw(Random& random, Pixel& out) const {
   const uint64_t at = random.below(pixels_before_.back());
-  const size_t i = static_cast<size_t>(
-      std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) - pixels_before_.begin() -
-      1);
+  const size_t i =
+      static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
+                          pixels_before_.begin() - 1);
   const size_t view = static_cast<size_t>(views_[i]);
   const Photo& photo = photos_.photos[view];
   const uint64_t pixel = at - pixels_before_[i];
@@ -184,7 +180,8 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& ba
       batch.total_samples += r.count;
     }
   close();
-  pool_.parallel_for(blocks, [&](int64_t b) { copy_block(blocks_[static_cast<size_t>(b)], batch); });
+  pool_.parallel_for(blocks,
+                     [&](int64_t b) { copy_block(blocks_[static_cast<size_t>(b)], batch); });
   for (int c = 0; c < batch.chunks; ++c) {
     const size_t at = static_cast<size_t>(c) * kChunkSamples;
     const size_t used = static_cast<size_t>(batch.samples[static_cast<size_t>(c)]);

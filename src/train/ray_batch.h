@@ -24,8 +24,8 @@ class PixelSource {
     float rgb[3];  // straight colour
     float alpha;
   };
-  // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has no
-  // ray for it (the draw then counts as nothing).
+  // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
+  // no ray for it (the draw then counts as nothing).
   bool draw(Random& random, Pixel& out) const;
   bool has_alpha() const { return alpha_; }
 
@@ -38,21 +38,22 @@ class PixelSource {
   bool alpha_;
 };
 
-// Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays, ...).
+// Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,
+// ...).
 struct RayBatch {
   explicit RayBatch(int max_chunks);
 
   int max_chunks;
   int chunks = 0;
-  AlignedArray<float> x, y, z;     // grid coordinates, [0, 1]
+  AlignedArray<float> x, y, z;  // grid coordinates, [0, 1]
   AlignedArray<float> delta;
-  AlignedArray<int32_t> cell;      // occupancy cell: cascade * kCells + cell
+  AlignedArray<int32_t> cell;  // occupancy cell: cascade * kCells + cell
   AlignedArray<float> cell_width;
-  std::vector<int> samples, rays;  // of each chunk
-  std::vector<int32_t> ray_begin;  // of each chunk, kChunkRays + 1 entries
+  std::vector<int> samples, rays;                     // of each chunk
+  std::vector<int32_t> ray_begin;                     // of each chunk, kChunkRays + 1 entries
   AlignedArray<float> direction, background, target;  // [chunk][3][kChunkRays]
 
-  int64_t rays_considered = 0;     // of the step, those that met no matter included
+  int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
   double empty_squared_error = 0;  // of the rays that met no matter, summed over channels
 
@@ -72,7 +73,7 @@ class RayBatchMaker {
     int block_begin = 0, count = 0;  // samples in the block's arrays
     bool valid = false;
     float direction[3], background[3], target[3];
-    double squared_error = 0;        // against the background alone
+    double squared_error = 0;  // against the background alone
     int chunk = -1, ray = 0, offset = 0;
   };
   static constexpr int kBlock = 64;  // rays that are drawn together

@@ -17,8 +17,7 @@ namespace nerf {
 namespace {
 
 double seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 // Adds the time since the last call to a counter.
@@ -96,8 +95,7 @@ float Trainer::Impl::rate_at(int64_t step) const {
   const double at = std::max(0.0, done_share - options.hold) / (1 - options.hold);
   const double rise =
       std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
-  return static_cast<float>(options.rate * rate_factor * rise *
-                            std::pow(options.final_rate, at));
+  return static_cast<float>(options.rate * rate_factor * rise * std::pow(options.final_rate, at));
 }
 
 StepReport Trainer::Impl::step() {
@@ -201,8 +199,8 @@ void Trainer::Impl::run_chunks() {
 void Trainer::Impl::scatter() {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
-  // A level's rows belong to one item, which takes the samples in order. Fine levels first: they are
-  // the dearest. The occupancy's cells have one owner as well.
+  // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
+  // are the dearest. The occupancy's cells have one owner as well.
   pool.parallel_for(levels + 1, [&](int64_t i) {
     if (i == levels) {
       observe_samples();
@@ -278,14 +276,15 @@ void Trainer::Impl::refresh_occupancy() {
     for (int64_t i = block * kBlock; i < std::min(points, (block + 1) * kBlock); ++i) {
       Random random(options.seed ^ salt, static_cast<uint64_t>(done) | uint64_t{1} << 62,
                     static_cast<uint64_t>(i));
-      const int64_t at = i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));
+      const int64_t at =
+          i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));
       const int c = static_cast<int>(at / OccupancyGrid::kCells);
       const int64_t in = at % OccupancyGrid::kCells;
       if (grid.is_off(c, in)) continue;
       const float w = OccupancyGrid::cell_width(c);
       const Vec3 corner = OccupancyGrid::cell_corner(in, c);
-      const Vec3 g = field.grid_position(corner + Vec3{random.uniform() * w, random.uniform() * w,
-                                                       random.uniform() * w});
+      const Vec3 g = field.grid_position(
+          corner + Vec3{random.uniform() * w, random.uniform() * w, random.uniform() * w});
       x[n] = g.x;
       y[n] = g.y;
       z[n] = g.z;
@@ -342,8 +341,7 @@ RadianceField Trainer::snapshot() const {
   for (int v : impl_->scene.test) held_out[static_cast<size_t>(v)] = true;
   for (size_t v = 0; v < impl_->scene.views.size(); ++v) {
     const View& view = impl_->scene.views[v];
-    info.views.push_back(
-        {view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
+    info.views.push_back({view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
   }
   return RadianceField(std::move(info), std::make_shared<GridField>(impl_->field));
 }

@@ -29,9 +29,9 @@ class AlphaTable {
       }
     for (int y = 0; y < height_; ++y)
       for (int x = 0; x < width_; ++x)
-        at(x + 1, y + 1) = any[static_cast<size_t>(y) * static_cast<size_t>(width_) +
-                               static_cast<size_t>(x)] +
-                           at(x, y + 1) + at(x + 1, y) - at(x, y);
+        at(x + 1, y + 1) =
+            any[static_cast<size_t>(y) * static_cast<size_t>(width_) + static_cast<size_t>(x)] +
+            at(x, y + 1) + at(x + 1, y) - at(x, y);
   }
 
   // Whether the square of the given half-width (full-size pixels) holds no opaque pixel and lies
@@ -47,8 +47,7 @@ class AlphaTable {
 
  private:
   int32_t& at(int x, int y) {
-    return sums_[static_cast<size_t>(y) * static_cast<size_t>(width_ + 1) +
-                 static_cast<size_t>(x)];
+    return sums_[static_cast<size_t>(y) * static_cast<size_t>(width_ + 1) + static_cast<size_t>(x)];
   }
   int width_, height_;
   std::vector<int32_t> sums_;

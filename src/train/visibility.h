@@ -8,8 +8,9 @@
 
 namespace nerf {
 
-// Switches off the cells that no training camera sees, and with alpha those outside the visual hull:
-// what some photo shows as wholly transparent is empty (the footprint of a cell is taken generously).
+// Switches off the cells that no training camera sees, and with alpha those outside the visual
+// hull: what some photo shows as wholly transparent is empty (the footprint of a cell is taken
+// generously).
 void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                                  OccupancyGrid& grid);
 

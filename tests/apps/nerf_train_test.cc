@@ -308,8 +308,8 @@ TEST(TrainOptionsText, EquivalentCommandKeepsWhatWasGiven) {
   command.minutes = 3;
   command.downscale = 2;
   command.train.rate = 0.5;
-  EXPECT_EQ(apps::equivalent_command(command, {"scene", "minutes", "downscale", "out"}, 77),
-            "nerf_train 'my photos/it'\\''s' --downscale 2 --steps 77");
+  EXPECT_EQ(apps::equivalent_command(command, 77),
+            "nerf_train 'my photos/it'\\''s' --downscale 2 --rate 0.5 --steps 77");
 }
 
 TEST(TrainOptionsText, DefaultRunFolderIsNamedAfterTheScene) {

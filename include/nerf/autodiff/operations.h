@@ -33,7 +33,8 @@ Value truncated_exp(Tape& tape, Value x);
 
 Value sigmoid(Tape& tape, Value x);
 
-// Spherical harmonics [16 x samples] of the unit directions [3 x rays], repeated for a ray's samples.
+// Spherical harmonics [16 x samples] of the unit directions [3 x rays], repeated for a ray's
+// samples.
 Value view_code(Tape& tape, Value directions);
 
 // Volume rendering (NeRF, equation 3) over the samples of each ray.

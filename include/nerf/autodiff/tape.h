@@ -1,10 +1,10 @@
 // Reverse-mode differentiation over chunks of rays.
 //
-// A value is a matrix [rows x samples] or [rows x rays]. Model code records operations on a Tape once;
-// plan() then lays every value and gradient out in one arena. A Chunk is one thread's execution of
-// that plan: its own arena, a view of the weights and an accumulator for their gradients. The tape
-// itself is constant after plan(), so any number of chunks run on it at once, and nothing is
-// allocated in a step.
+// A value is a matrix [rows x samples] or [rows x rays]. Model code records operations on a Tape
+// once; plan() then lays every value and gradient out in one arena. A Chunk is one thread's
+// execution of that plan: its own arena, a view of the weights and an accumulator for their
+// gradients. The tape itself is constant after plan(), so any number of chunks run on it at once,
+// and nothing is allocated in a step.
 //
 // Rows have a stride of the chunk's capacity; columns beyond the count in use are padding up to a
 // multiple of kLane (kernels/linear.h): finite in values, zero in gradients.
@@ -33,11 +33,12 @@ struct Chunk {
 
   const Tape* tape;
   AlignedArray<float> arena;
-  const float* weights = nullptr;      // parameters of the model, read only
-  float* weight_gradient = nullptr;    // same layout, accumulated into
-  int samples = 0, rays = 0;           // columns in use
-  const int32_t* ray_begin = nullptr;  // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
-  double loss = 0;                     // added to by loss operations, and so is the next
+  const float* weights = nullptr;    // parameters of the model, read only
+  float* weight_gradient = nullptr;  // same layout, accumulated into
+  int samples = 0, rays = 0;         // columns in use
+  const int32_t* ray_begin =
+      nullptr;      // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
+  double loss = 0;  // added to by loss operations, and so is the next
   double squared_error = 0;
 
   float* data(Value v);
@@ -74,7 +75,8 @@ class Tape {
   // Capacities are rounded up to kLane.
   Tape(int sample_capacity, int ray_capacity);
 
-  // A value that the caller fills before forward(). With `gradient`, backward() leaves its gradient.
+  // A value that the caller fills before forward(). With `gradient`, backward() leaves its
+  // gradient.
   Value input(int rows, Domain domain, bool gradient = false);
   // A value that an operation fills; it needs a gradient where any of `from` does, or `trained`.
   Value output(int rows, Domain domain, std::span<const Value> from, bool trained = false);

@@ -1,6 +1,6 @@
-// Two kinds of failure. A user's mistake (a broken file, a wrong option) throws Error with what went
-// wrong, where, and what to do about it; only main() catches it. A bug is a failed NERF_CHECK, which
-// throws std::logic_error naming the expression and both values.
+// Two kinds of failure. A user's mistake (a broken file, a wrong option) throws Error with what
+// went wrong, where, and what to do about it; only main() catches it. A bug is a failed NERF_CHECK,
+// which throws std::logic_error naming the expression and both values.
 #pragma once
 
 #include <sstream>
@@ -47,17 +47,17 @@ std::string both_values(const A& a, const B& b) {
 
 }  // namespace nerf
 
-#define NERF_CHECK(condition)                                                         \
-  do {                                                                                \
+#define NERF_CHECK(condition)                                                             \
+  do {                                                                                    \
     if (!(condition)) ::nerf::internal::check_failed(__FILE__, __LINE__, #condition, ""); \
   } while (0)
-#define NERF_CHECK_OP(a, op, b)                                                          \
-  do {                                                                                   \
-    const auto& check_a = (a);                                                           \
-    const auto& check_b = (b);                                                           \
-    if (!(check_a op check_b))                                                           \
-      ::nerf::internal::check_failed(__FILE__, __LINE__, #a " " #op " " #b,              \
-                                     ::nerf::internal::both_values(check_a, check_b));   \
+#define NERF_CHECK_OP(a, op, b)                                                        \
+  do {                                                                                 \
+    const auto& check_a = (a);                                                         \
+    const auto& check_b = (b);                                                         \
+    if (!(check_a op check_b))                                                         \
+      ::nerf::internal::check_failed(__FILE__, __LINE__, #a " " #op " " #b,            \
+                                     ::nerf::internal::both_values(check_a, check_b)); \
   } while (0)
 #define NERF_CHECK_EQ(a, b) NERF_CHECK_OP(a, ==, b)
 #define NERF_CHECK_LE(a, b) NERF_CHECK_OP(a, <=, b)

@@ -1,12 +1,14 @@
-// Elementwise functions over n floats (n rounded up to kLane, pointers 64-byte aligned unless said).
+// Elementwise functions over n floats (n rounded up to kLane, pointers 64-byte aligned unless
+// said).
 #pragma once
 
 #include <cstdint>
 
 namespace nerf {
 
-// Truncated exponential: exp(x) with x clamped to at most kMaxLogDensity, so that it cannot overflow.
-// Its derivative is y = exp(min(x, max)) with the slope clamped to exp(+-15) as in instant-ngp.
+// Truncated exponential: exp(x) with x clamped to at most kMaxLogDensity, so that it cannot
+// overflow. Its derivative is y = exp(min(x, max)) with the slope clamped to exp(+-15) as in
+// instant-ngp.
 inline constexpr float kMaxLogDensity = 30.0f;
 void truncated_exp_forward(int64_t n, const float* x, float* y);
 void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* dx);

@@ -3,7 +3,8 @@
 //
 // Level l has cells of width 1 / scale(l), scale(l) = base * growth^l - 1, and is sampled at
 // x * scale + 0.5. A level whose (resolution + 1)^3 vertices fit into the table is indexed densely,
-// a finer one by the hash x ^ y * 2654435761 ^ z * 805459861 modulo the table size (a power of two).
+// a finer one by the hash x ^ y * 2654435761 ^ z * 805459861 modulo the table size (a power of
+// two).
 #pragma once
 
 #include <cstdint>
@@ -14,10 +15,10 @@ namespace nerf {
 inline constexpr int kGridFeatures = 4;  // per entry
 
 struct HashGridLevel {
-  float scale = 0;        // cells per unit
+  float scale = 0;          // cells per unit
   uint32_t resolution = 0;  // vertices per axis
-  uint32_t entries = 0;   // rows of this level's table
-  uint64_t offset = 0;    // first row of this level in the whole table
+  uint32_t entries = 0;     // rows of this level's table
+  uint64_t offset = 0;      // first row of this level in the whole table
   bool dense = false;
 };
 

@@ -1,10 +1,10 @@
 // Fully connected layers over a chunk of samples, forward and backward.
 //
-// A value is a matrix [rows x samples], row-major with `ld` floats between rows; ld is a multiple of
-// kLane and rows start 64-byte aligned. Kernels run over n samples rounded up to kLane: what stands
-// in the padding must be finite, and gradients there must be 0.
-// A weight matrix is [out x in], row-major with stride weight_stride(in); the padding columns are 0
-// and stay 0 through the optimiser, since their gradient is 0.
+// A value is a matrix [rows x samples], row-major with `ld` floats between rows; ld is a multiple
+// of kLane and rows start 64-byte aligned. Kernels run over n samples rounded up to kLane: what
+// stands in the padding must be finite, and gradients there must be 0. A weight matrix is [out x
+// in], row-major with stride weight_stride(in); the padding columns are 0 and stay 0 through the
+// optimiser, since their gradient is 0.
 #pragma once
 
 #include <cstdint>

@@ -102,9 +102,7 @@ struct Similarity {
   Mat3d rotation;
   Vec3d center;
   Vec3d apply(const Vec3d& x) const { return rotation * (x - center) * scale; }
-  Vec3d apply_inverse(const Vec3d& y) const {
-    return rotation.transposed() * (y / scale) + center;
-  }
+  Vec3d apply_inverse(const Vec3d& y) const { return rotation.transposed() * (y / scale) + center; }
   // Moves a camera-to-world pose along; its rotation stays orthonormal.
   Pose apply(const Pose& p) const { return {rotation * p.rotation, apply(p.translation)}; }
   Pose apply_inverse(const Pose& p) const {

@@ -43,8 +43,8 @@ struct GridOptions {
       at_most(8));
     v("colour_layers", colour_layers, "hidden layers of the colour network", at_least(1),
       at_most(8));
-    v("geometry_features", geometry_features, "features handed from density to colour",
-      at_least(2), at_most(256));
+    v("geometry_features", geometry_features, "features handed from density to colour", at_least(2),
+      at_most(256));
     v("max_samples", sampler.max_samples, "most network samples of a ray", at_least(2),
       at_most(240));
     v("min_samples", sampler.min_samples, "fewest network samples of a ray that meets matter",
@@ -67,11 +67,11 @@ struct GridField {
   GridOptions options;
   bool unbounded;
   HashGridShape shape;
-  AlignedArray<float> table;    // shape.rows x kGridFeatures
+  AlignedArray<float> table;  // shape.rows x kGridFeatures
   std::vector<LinearWeights> density_layers, colour_layers;
   AlignedArray<float> weights;  // of both networks
   OccupancyGrid occupancy;
-  Box3 clip;                    // engine coordinates; no matter outside
+  Box3 clip;  // engine coordinates; no matter outside
 
   // Small random weights (tables U(-1e-4, 1e-4), networks Xavier-uniform), keyed by the seed.
   void initialise(uint64_t seed);
@@ -88,14 +88,14 @@ inline constexpr int kChunkRays = 240;
 // The field on a tape, with the values that a caller fills and reads.
 struct GridTape {
   Tape tape{kChunkSamples, kChunkRays};
-  Value features = 0;    // in: [4 L x samples]
-  Value directions = 0;  // in: [3 x rays]
-  Value delta = 0;       // in: [1 x samples]
-  Value background = 0;  // in: [3 x rays]
+  Value features = 0;           // in: [4 L x samples]
+  Value directions = 0;         // in: [3 x rays]
+  Value delta = 0;              // in: [1 x samples]
+  Value background = 0;         // in: [3 x rays]
   Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
-  Value density = 0;     // out: [1 x samples]
-  Value colour = 0;      // out: [3 x samples]
-  Composite image{};     // out
+  Value density = 0;            // out: [1 x samples]
+  Value colour = 0;             // out: [3 x samples]
+  Composite image{};            // out
 
   GridTape(const GridField& field, bool training, float huber_delta = 0.1f);
 

@@ -19,8 +19,8 @@ namespace nerf {
 
 class OccupancyGrid {
  public:
-  static constexpr int kSide = 128;                 // cells per axis
-  static constexpr int kBricks = kSide / 4;         // bricks of 4^3 cells per axis: one 64-bit mask
+  static constexpr int kSide = 128;          // cells per axis
+  static constexpr int kBricks = kSide / 4;  // bricks of 4^3 cells per axis: one 64-bit mask
   static constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
 
   explicit OccupancyGrid(int cascades = 1);

@@ -27,8 +27,8 @@ struct SamplerOptions {
   float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
 };
 
-// Samples of a ray. The interval lengths of a ray add up to the length of matter that it passes, and
-// each position lies inside its interval.
+// Samples of a ray. The interval lengths of a ray add up to the length of matter that it passes,
+// and each position lies inside its interval.
 struct RaySamples {
   std::vector<float> t;      // distance from the sampler's entry() along the ray
   std::vector<float> delta;  // interval length
@@ -36,8 +36,8 @@ struct RaySamples {
 
 // A ray's passage through one occupied cell.
 struct Segment {
-  float t0, t1;      // relative to the entry point of the march
-  float thickness;   // optical, of this passage
+  float t0, t1;     // relative to the entry point of the march
+  float thickness;  // optical, of this passage
 };
 
 class RaySampler {
@@ -64,8 +64,8 @@ class RaySampler {
  private:
   struct Traversal;
   void march(const Ray& ray, float min_transmittance);
-  // Through the bricks of one cascade from t on, until the ray leaves it; returns where, and changes
-  // `cascade` to the one it enters (cascades() behind the outermost).
+  // Through the bricks of one cascade from t on, until the ray leaves it; returns where, and
+  // changes `cascade` to the one it enters (cascades() behind the outermost).
   float march_cascade(Traversal& v, int& cascade, float t);
   void march_brick(Traversal& v, int cascade, int64_t brick, uint64_t mask, const int at[3],
                    float t, float exit);
