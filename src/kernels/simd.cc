@@ -17,8 +17,8 @@ constexpr int64_t kCompiled[] = {HWY_AVX3, HWY_AVX2};
 constexpr int64_t kCompiled[] = {HWY_NEON};
 #endif
 
-std::vector<int64_t> available() {
-  hwy::SetSupportedTargetsForTest(0);
+// Must be called before any target is forced: Highway then still says what the processor has.
+std::vector<int64_t> detect() {
   const int64_t supported = hwy::SupportedTargets();
   std::vector<int64_t> out;
   for (int64_t t : kCompiled)
@@ -29,8 +29,13 @@ std::vector<int64_t> available() {
   return out;
 }
 
+const std::vector<int64_t>& available() {
+  static const std::vector<int64_t> targets = detect();
+  return targets;
+}
+
 void force(const std::string& name, const std::string& where) {
-  const std::vector<int64_t> targets = available();
+  const std::vector<int64_t>& targets = available();
   std::string known;
   for (int64_t t : targets) {
     if (name.empty() || name == hwy::TargetName(t)) {
@@ -61,10 +66,8 @@ std::string simd_target() {
 
 std::vector<std::string> simd_targets() {
   choose_once();
-  const std::string current = simd_target();
   std::vector<std::string> out;
   for (int64_t t : available()) out.push_back(hwy::TargetName(t));
-  force(current, "");
   return out;
 }
 

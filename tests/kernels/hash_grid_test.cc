@@ -146,6 +146,36 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
   worst.report();
 }
 
+// Samples whose gradient is exactly 0 in all features leave no trace, not even flags: their rows'
+// counters of steps must not move. One feature that differs from 0 is enough to leave one.
+TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
+  for_each_target([&](const std::string&) {
+    Random random(33, 0, 0);
+    for (const HashGridLevel& level : levels()) {
+      const Positions positions(48, random);
+      for (int feature = -1; feature < kGridFeatures; ++feature) {
+        Matrix g(kGridFeatures, 48);
+        for (int f = 0; f < kGridFeatures; ++f)
+          for (int64_t s = 0; s < g.padded; ++s)
+            g.at(f, s) = f == feature && s == 21 ? 1e-30f : s % 2 ? 0.0f : -0.0f;
+        AlignedArray<float> gradient(level.entries * kGridFeatures);
+        AlignedArray<uint8_t> touched(level.entries);
+        hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), 48,
+                           g.data.data(), g.ld, gradient.data(), touched.data());
+        int flags = 0;
+        for (uint8_t t : touched) flags += t;
+        if (feature < 0) {
+          EXPECT_EQ(flags, 0);
+          for (float v : gradient) ASSERT_EQ(v, 0);
+        } else {
+          EXPECT_GE(flags, 1);
+          EXPECT_LE(flags, 8);
+        }
+      }
+    }
+  });
+}
+
 // One sample with gradient (1, 0, 0, 0) shows which rows it reads and with what weight; the golden
 // rows include hash terms that wrap around 2^32.
 TEST(HashGrid, CornersMatchGolden) {

@@ -74,7 +74,7 @@ TEST(Occupancy, CascadeOfAPoint) {
   }
 }
 
-TEST(Occupancy, ObserveMovesTowardsWhatIsSeenFasterUpwards) {
+TEST(Occupancy, ObserveMovesPartOfTheWayToWhatIsSeen) {
   OccupancyGrid grid;
   const int64_t cell = 12345;
   const float start = grid.opacity(0, cell);
@@ -87,7 +87,6 @@ TEST(Occupancy, ObserveMovesTowardsWhatIsSeenFasterUpwards) {
   const float down = grid.opacity(0, cell);
   EXPECT_LT(down, up);
   EXPECT_GT(down, 0);
-  EXPECT_GT((up - start) / (0.8f - start), (up - down) / up) << "slower downwards";
   grid.observe(0, cell, down);
   EXPECT_FLOAT_EQ(grid.opacity(0, cell), down) << "seeing what is known changes nothing";
   for (int i = 0; i < 200; ++i) grid.observe(0, cell, 0.37f);
@@ -105,7 +104,7 @@ TEST(Occupancy, OffStaysOff) {
   grid.switch_off(1, 77);
   EXPECT_TRUE(grid.is_off(1, 77));
   EXPECT_FALSE(grid.is_off(0, 77));
-  grid.observe(1, 77, 1.0f);
+  for (int i = 0; i < 100; ++i) grid.observe(1, 77, 1.0f);
   EXPECT_TRUE(grid.is_off(1, 77));
   grid.rebuild(0);
   EXPECT_EQ(grid.levels()[static_cast<size_t>(kCells + 77)], 0);
