@@ -22,7 +22,7 @@ AlignedArray<float> noise(size_t n, uint64_t stream) {
 }
 
 // One layer on one chunk: what forward, input gradient and weight gradient reach. FLOPs are
-// 2 x in x out x samples; padding and the transposition do not count.
+// 2 x in x out x samples; padding does not count.
 struct Layer {
   explicit Layer(const benchmark::State& state)
       : in(static_cast<int>(state.range(0))),
@@ -30,7 +30,6 @@ struct Layer {
         x(noise(static_cast<size_t>(in) * kChunkSamples, 1)),
         y(noise(static_cast<size_t>(out) * kChunkSamples, 2)),
         dx(static_cast<size_t>(in) * kChunkSamples),
-        xt(static_cast<size_t>(weight_stride(in)) * kChunkSamples),
         w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
         dw(w.size()) {}
   void finish(benchmark::State& state) const {
@@ -39,7 +38,7 @@ struct Layer {
                            benchmark::Counter::kIsRate);
   }
   int in, out;
-  AlignedArray<float> x, y, dx, xt, w, dw;
+  AlignedArray<float> x, y, dx, w, dw;
 };
 
 void layer_forward(benchmark::State& state) {
@@ -60,11 +59,9 @@ void layer_backward_input(benchmark::State& state) {
 
 void layer_backward_weights(benchmark::State& state) {
   Layer l(state);
-  for (auto _ : state) {
-    transpose_to_samples(l.in, l.x.data(), kChunkSamples, kChunkSamples, l.xt.data());
-    linear_backward_weights(l.in, l.out, l.y.data(), l.xt.data(), kChunkSamples, kChunkSamples,
+  for (auto _ : state)
+    linear_backward_weights(l.in, l.out, l.y.data(), l.x.data(), kChunkSamples, kChunkSamples,
                             l.dw.data(), nullptr);
-  }
   l.finish(state);
 }
 

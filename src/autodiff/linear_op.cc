@@ -29,9 +29,8 @@ class Linear : public Operation {
     if (activation_ == LinearActivation::kRelu && !masked_by_reader(c))
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
-    float* xt = c.arena.data() + c.tape->scratch_offset();
-    transpose_to_samples(w_.in, c.data(x), ld, n, xt);
-    linear_backward_weights(w_.in, w_.out, dy, xt, ld, n, c.weight_gradient + w_.offset, nullptr);
+    linear_backward_weights(w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset,
+                            nullptr);
     if (!c.tape->needs_gradient(x)) return;
 
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
@@ -42,8 +41,9 @@ class Linear : public Operation {
       linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, c.gradient(x), ld, n,
                             relu_output);
     } else {
-      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, xt, ld, n, relu_output);
-      for (int r = 0; r < w_.in; ++r) add_to(n, xt + r * ld, c.gradient(x) + r * ld);
+      float* dx = c.arena.data() + c.tape->scratch_offset();
+      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n, relu_output);
+      for (int r = 0; r < w_.in; ++r) add_to(n, dx + r * ld, c.gradient(x) + r * ld);
     }
   }
 
@@ -61,7 +61,7 @@ class Linear : public Operation {
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation) {
   NERF_CHECK_EQ(tape.rows(x), w.in);
   const Value y = tape.output(w.out, tape.domain(x), {&x, 1}, /*trained=*/true);
-  tape.need_scratch(static_cast<size_t>(weight_stride(w.in)) *
+  tape.need_scratch(static_cast<size_t>(w.in) *
                     static_cast<size_t>(tape.capacity(tape.domain(x))));
   tape.record(std::make_unique<Linear>(x, y, w, activation));
   return y;

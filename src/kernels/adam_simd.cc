@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -20,18 +21,36 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // One vector of parameters: c1 = rate / (1 - beta1^t), c2 = 1 / sqrt(1 - beta2^t).
 template <class D>
-HWY_INLINE void update(D d, const AdamStep& o, float c1, float c2, hn::Vec<D> g, float* m, float* v,
-                       float* w) {
-  const auto weight = hn::Load(d, w);
-  g = hn::MulAdd(hn::Set(d, o.l2), weight, g);
-  const auto m1 =
-      hn::MulAdd(hn::Set(d, 1.0f - o.beta1), g, hn::Mul(hn::Set(d, o.beta1), hn::Load(d, m)));
-  const auto v1 = hn::MulAdd(hn::Set(d, 1.0f - o.beta2), hn::Mul(g, g),
-                             hn::Mul(hn::Set(d, o.beta2), hn::Load(d, v)));
-  hn::Store(m1, d, m);
-  hn::Store(v1, d, v);
-  const auto denominator = hn::MulAdd(hn::Sqrt(v1), hn::Set(d, c2), hn::Set(d, o.epsilon));
-  hn::Store(hn::NegMulAdd(hn::Set(d, c1), hn::Div(m1, denominator), weight), d, w);
+struct Updated {
+  hn::Vec<D> m, v, w;
+};
+
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE Updated<D> updated(D d, const AdamStep& o, V c1, V c2, V g, V m, V v, V w) {
+  g = hn::MulAdd(hn::Set(d, o.l2), w, g);
+  m = hn::MulAdd(hn::Set(d, 1.0f - o.beta1), g, hn::Mul(hn::Set(d, o.beta1), m));
+  v = hn::MulAdd(hn::Set(d, 1.0f - o.beta2), hn::Mul(g, g), hn::Mul(hn::Set(d, o.beta2), v));
+  const V denominator = hn::MulAdd(hn::Sqrt(v), c2, hn::Set(d, o.epsilon));
+  return {m, v, hn::NegMulAdd(c1, hn::Div(m, denominator), w)};
+}
+
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE void update(D d, const AdamStep& o, V c1, V c2, V g, float* m, float* v, float* w) {
+  const Updated<D> to = updated(d, o, c1, c2, g, hn::Load(d, m), hn::Load(d, v), hn::Load(d, w));
+  hn::Store(to.m, d, m);
+  hn::Store(to.v, d, v);
+  hn::Store(to.w, d, w);
+}
+
+// The same where the mask is set.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE void update_where(D d, hn::Mask<D> where, const AdamStep& o, V c1, V c2, V g, float* m,
+                             float* v, float* w) {
+  const V m0 = hn::Load(d, m), v0 = hn::Load(d, v), w0 = hn::Load(d, w);
+  const Updated<D> to = updated(d, o, c1, c2, g, m0, v0, w0);
+  hn::Store(hn::IfThenElse(where, to.m, m0), d, m);
+  hn::Store(hn::IfThenElse(where, to.v, v0), d, v);
+  hn::Store(hn::IfThenElse(where, to.w, w0), d, w);
 }
 
 void dense(const AdamStep& o, float c1, float c2, int64_t n, const float* gradient, float* m,
@@ -39,24 +58,56 @@ void dense(const AdamStep& o, float c1, float c2, int64_t n, const float* gradie
   const hn::ScalableTag<float> d;
   const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
   for (int64_t i = 0; i < n; i += lanes)
-    update(d, o, c1, c2, hn::Load(d, gradient + i), m + i, v + i, weights + i);
+    update(d, o, hn::Set(d, c1), hn::Set(d, c2), hn::Load(d, gradient + i), m + i, v + i,
+           weights + i);
 }
 
+// As many rows of 4 as a vector holds, at once; rows without gradient keep every bit.
 void sparse(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, float* m, float* v,
             uint16_t* steps, float* weights, const float* correction) {
-  const hn::CappedTag<float, 4> d;
+  const hn::ScalableTag<float> d;
+  constexpr int64_t kRows = hn::MaxLanes(hn::ScalableTag<float>()) / 4;
+  alignas(64) float c1[4 * kRows], c2[4 * kRows], open[4 * kRows];
+  const auto last_c1 = hn::Set(d, o.rate * correction[2 * (kBiasCorrections - 1)]);
+  const auto last_c2 = hn::Set(d, correction[2 * (kBiasCorrections - 1) + 1]);
   for (int64_t block = 0; block < rows; block += 8) {
     uint64_t any;
     std::memcpy(&any, touched + block, sizeof(any));
     if (any == 0) continue;
-    for (int64_t r = block; r < block + 8; ++r) {
-      if (!touched[r]) continue;
-      if (steps[r] < 65535) ++steps[r];
-      const int t = steps[r] < kBiasCorrections ? steps[r] : kBiasCorrections - 1;
-      float* g = gradient + 4 * r;
-      update(d, o, o.rate * correction[2 * t], correction[2 * t + 1], hn::Load(d, g), m + 4 * r,
-             v + 4 * r, weights + 4 * r);
-      hn::Store(hn::Zero(d), d, g);
+    for (int64_t first = block; first < block + 8; first += kRows) {
+      bool all = true, none = true, young = false;
+      for (int64_t i = 0; i < kRows; ++i) {
+        const bool on = touched[first + i] != 0;
+        uint16_t& step = steps[first + i];
+        if (on && step < 65535) ++step;
+        all &= on;
+        none &= !on;
+        young |= step < kBiasCorrections - 1;
+      }
+      if (none) continue;
+      auto rate = last_c1, root = last_c2;
+      if (young) {
+        for (int64_t i = 0; i < kRows; ++i) {
+          const int t = std::min<int>(steps[first + i], kBiasCorrections - 1);
+          for (int64_t f = 0; f < 4; ++f) {
+            c1[4 * i + f] = o.rate * correction[2 * t];
+            c2[4 * i + f] = correction[2 * t + 1];
+          }
+        }
+        rate = hn::Load(d, c1);
+        root = hn::Load(d, c2);
+      }
+      const int64_t at = 4 * first;
+      const auto g = hn::Load(d, gradient + at);
+      if (all) {
+        update(d, o, rate, root, g, m + at, v + at, weights + at);
+        hn::Store(hn::Zero(d), d, gradient + at);
+      } else {
+        for (int64_t i = 0; i < 4 * kRows; ++i) open[i] = touched[first + i / 4] ? 1.0f : 0.0f;
+        const auto where = hn::Gt(hn::Load(d, open), hn::Zero(d));
+        update_where(d, where, o, rate, root, g, m + at, v + at, weights + at);
+        hn::Store(hn::IfThenZeroElse(where, g), d, gradient + at);
+      }
     }
     std::memset(touched + block, 0, 8);
   }

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "nerf/kernels/linear.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -133,90 +135,120 @@ void backward_input(int in, int out, const float* w, const float* dy, float* dx,
     multiply<Epilogue::kNone>(in, w, 1, ldw, dy, out, ld, n, nullptr, nullptr, dx);
 }
 
-// 8x8 transposes in 256-bit vectors on every target (two 128-bit halves where those are the
-// widest).
-void transpose(int in, const float* x, int64_t ld, int64_t n, float* xt) {
-  const int64_t ldt = weight_stride(in);
-  const int64_t end = round_up(n, kLane);
-  const hn::CappedTag<float, 4> d4;
-  for (int64_t k = 0; k < ldt; k += 4) {
-    if (k + 4 <= in) {
-      const float* r0 = x + k * ld;
-      for (int64_t s = 0; s < end; s += 4) {
-        // 4x4: rows k..k+3, samples s..s+3.
-        const auto a = hn::Load(d4, r0 + s);
-        const auto b = hn::Load(d4, r0 + ld + s);
-        const auto c = hn::Load(d4, r0 + 2 * ld + s);
-        const auto e = hn::Load(d4, r0 + 3 * ld + s);
-        const hn::Repartition<double, decltype(d4)> dd;
-        const auto ab_lo = hn::BitCast(dd, hn::InterleaveLower(d4, a, b));
-        const auto ab_hi = hn::BitCast(dd, hn::InterleaveUpper(d4, a, b));
-        const auto ce_lo = hn::BitCast(dd, hn::InterleaveLower(d4, c, e));
-        const auto ce_hi = hn::BitCast(dd, hn::InterleaveUpper(d4, c, e));
-        float* to = xt + s * ldt + k;
-        hn::Store(hn::BitCast(d4, hn::InterleaveLower(dd, ab_lo, ce_lo)), d4, to);
-        hn::Store(hn::BitCast(d4, hn::InterleaveUpper(dd, ab_lo, ce_lo)), d4, to + ldt);
-        hn::Store(hn::BitCast(d4, hn::InterleaveLower(dd, ab_hi, ce_hi)), d4, to + 2 * ldt);
-        hn::Store(hn::BitCast(d4, hn::InterleaveUpper(dd, ab_hi, ce_hi)), d4, to + 3 * ldt);
-      }
-    } else {
-      for (int64_t s = 0; s < end; ++s)
-        for (int64_t c = k; c < k + 4; ++c) xt[s * ldt + c] = c < in ? x[c * ld + s] : 0.0f;
-    }
-  }
-}
-
-// dw[r][0 .. NV vectors) += sum_s dy[r][s] * xt[s][...] for R rows.
-template <int R, int NV>
-HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const float* HWY_RESTRICT xt,
-                            int64_t ldt, int64_t end, float* HWY_RESTRICT dw) {
+// Sums over the lanes of four vectors, as one vector of four.
+HWY_INLINE hn::Vec<hn::CappedTag<float, 4>> sums_of_four(V a, V b, V c, V e) {
   const D d;
-  const size_t lanes = hn::Lanes(d);
-  V acc[R][NV];
-  for (int r = 0; r < R; ++r)
-    for (int v = 0; v < NV; ++v) acc[r][v] = hn::Load(d, dw + r * ldt + v * lanes);
-  for (int64_t s = 0; s < end; ++s) {
-    V x[NV];
-    for (int v = 0; v < NV; ++v) x[v] = hn::Load(d, xt + s * ldt + v * lanes);
-    for (int r = 0; r < R; ++r) {
-      const V g = hn::Set(d, dy[r * ld + s]);
-      for (int v = 0; v < NV; ++v) acc[r][v] = hn::MulAdd(g, x[v], acc[r][v]);
-    }
-  }
-  for (int r = 0; r < R; ++r)
-    for (int v = 0; v < NV; ++v) hn::Store(acc[r][v], d, dw + r * ldt + v * lanes);
+  const hn::Repartition<double, D> dd;
+  // Within each 128-bit block: pairwise sums of a and b, of c and e, then of all four.
+  const auto ab = hn::Add(hn::InterleaveLower(d, a, b), hn::InterleaveUpper(d, a, b));
+  const auto ce = hn::Add(hn::InterleaveLower(d, c, e), hn::InterleaveUpper(d, c, e));
+  const auto ab2 = hn::BitCast(dd, ab), ce2 = hn::BitCast(dd, ce);
+  const V all = hn::Add(hn::BitCast(d, hn::InterleaveLower(dd, ab2, ce2)),
+                        hn::BitCast(d, hn::InterleaveUpper(dd, ab2, ce2)));
+  // Then over the blocks.
+#if HWY_TARGET == HWY_AVX3
+  const hn::Half<D> d8;
+  const auto half = hn::Add(hn::LowerHalf(d8, all), hn::UpperHalf(d8, all));
+  const hn::Half<decltype(d8)> d4;
+  return hn::Add(hn::LowerHalf(d4, half), hn::UpperHalf(d4, half));
+#elif HWY_TARGET == HWY_AVX2
+  const hn::Half<D> d4;
+  return hn::Add(hn::LowerHalf(d4, all), hn::UpperHalf(d4, all));
+#else
+  return all;
+#endif
 }
 
+// Weight gradients: the samples stand in the lanes of both factors, so that nothing is transposed;
+// a block of kOuterRows x kOuterColumns sums stays in registers over a chunk's samples.
+constexpr int kOuterColumns = 4;
 #if HWY_TARGET == HWY_AVX2
 constexpr int kOuterRows = 3;
 #else
 constexpr int kOuterRows = 6;
 #endif
 
-template <int NV>
-void outer_columns(int rows, const float* dy, int64_t ld, const float* xt, int64_t ldt, int64_t end,
-                   float* dw) {
-  int r = 0;
-  for (; r + kOuterRows <= rows; r += kOuterRows)
-    outer_block<kOuterRows, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
-  for (; r + 2 <= rows; r += 2) outer_block<2, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
-  for (; r < rows; ++r) outer_block<1, NV>(dy + r * ld, ld, xt, ldt, end, dw + r * ldt);
+// dw[r][0 .. 4) += sum_s dy[r][s] * x[c][s] for R rows; only the first `columns` are stored.
+template <int R>
+HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const float* const* x,
+                            int columns, int64_t end, float* HWY_RESTRICT dw, int64_t ldw) {
+  const D d;
+  const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
+  V acc[R][kOuterColumns];
+  for (int r = 0; r < R; ++r)
+    for (int c = 0; c < kOuterColumns; ++c) acc[r][c] = hn::Zero(d);
+  const float* HWY_RESTRICT x0 = x[0];
+  const float* HWY_RESTRICT x1 = x[1];
+  const float* HWY_RESTRICT x2 = x[2];
+  const float* HWY_RESTRICT x3 = x[3];
+  for (int64_t s = 0; s < end; s += lanes) {
+    const V v0 = hn::Load(d, x0 + s), v1 = hn::Load(d, x1 + s);
+    const V v2 = hn::Load(d, x2 + s), v3 = hn::Load(d, x3 + s);
+    for (int r = 0; r < R; ++r) {
+      const V g = hn::Load(d, dy + r * ld + s);
+      acc[r][0] = hn::MulAdd(g, v0, acc[r][0]);
+      acc[r][1] = hn::MulAdd(g, v1, acc[r][1]);
+      acc[r][2] = hn::MulAdd(g, v2, acc[r][2]);
+      acc[r][3] = hn::MulAdd(g, v3, acc[r][3]);
+    }
+  }
+  const hn::CappedTag<float, 4> d4;
+  for (int r = 0; r < R; ++r) {
+    const auto sum = sums_of_four(acc[r][0], acc[r][1], acc[r][2], acc[r][3]);
+    float* to = dw + r * ldw;
+    if (columns == kOuterColumns) {
+      hn::Store(hn::Add(hn::Load(d4, to), sum), d4, to);
+    } else {
+      alignas(16) float part[kOuterColumns];
+      hn::Store(sum, d4, part);
+      for (int c = 0; c < columns; ++c) to[c] += part[c];
+    }
+  }
 }
 
-void backward_weights(int in, int out, const float* dy, const float* xt, int64_t ld, int64_t n,
+void backward_weights(int in, int out, const float* dy, const float* x, int64_t ld, int64_t n,
                       float* dw, float* dbias) {
-  const int64_t ldt = weight_stride(in);
+  const int64_t ldw = weight_stride(in);
   const D d;
   const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
   const int64_t end = round_up(n, kLane);
-  int64_t k = 0;
-  for (; k + 4 * lanes <= ldt; k += 4 * lanes)
-    outer_columns<4>(out, dy, ld, xt + k, ldt, end, dw + k);
-  if (k + 2 * lanes <= ldt) {
-    outer_columns<2>(out, dy, ld, xt + k, ldt, end, dw + k);
-    k += 2 * lanes;
+  // Rows outside: their block of dy stays in L1 while x passes by.
+  int r = 0;
+  while (r < out) {
+    const int rows = std::min(kOuterRows, out - r);
+    const float* g = dy + r * ld;
+    for (int k = 0; k < in; k += kOuterColumns) {
+      const int columns = std::min(kOuterColumns, in - k);
+      const float* from[kOuterColumns];  // past the last column: the last again, not stored
+      for (int c = 0; c < kOuterColumns; ++c) from[c] = x + std::min(k + c, in - 1) * ld;
+      float* to = dw + r * ldw + k;
+      switch (rows) {
+        case 1:
+          outer_block<1>(g, ld, from, columns, end, to, ldw);
+          break;
+        case 2:
+          outer_block<2>(g, ld, from, columns, end, to, ldw);
+          break;
+        case 3:
+          outer_block<3>(g, ld, from, columns, end, to, ldw);
+          break;
+#if HWY_TARGET != HWY_AVX2
+        case 4:
+          outer_block<4>(g, ld, from, columns, end, to, ldw);
+          break;
+        case 5:
+          outer_block<5>(g, ld, from, columns, end, to, ldw);
+          break;
+        case 6:
+          outer_block<6>(g, ld, from, columns, end, to, ldw);
+          break;
+#endif
+        default:
+          break;
+      }
+    }
+    r += rows;
   }
-  for (; k < ldt; k += lanes) outer_columns<1>(out, dy, ld, xt + k, ldt, end, dw + k);
   if (dbias) {
     for (int j = 0; j < out; ++j) {
       V sum = hn::Zero(d);
@@ -247,7 +279,6 @@ HWY_AFTER_NAMESPACE();
 namespace nerf {
 HWY_EXPORT(forward);
 HWY_EXPORT(backward_input);
-HWY_EXPORT(transpose);
 HWY_EXPORT(backward_weights);
 HWY_EXPORT(relu_mask);
 
@@ -259,12 +290,9 @@ void linear_backward_input(int in, int out, const float* w, const float* dy, flo
                            int64_t n, const float* relu_output) {
   HWY_DYNAMIC_DISPATCH(backward_input)(in, out, w, dy, dx, ld, n, relu_output);
 }
-void transpose_to_samples(int in, const float* x, int64_t ld, int64_t n, float* xt) {
-  HWY_DYNAMIC_DISPATCH(transpose)(in, x, ld, n, xt);
-}
-void linear_backward_weights(int in, int out, const float* dy, const float* xt, int64_t ld,
+void linear_backward_weights(int in, int out, const float* dy, const float* x, int64_t ld,
                              int64_t n, float* dw, float* dbias) {
-  HWY_DYNAMIC_DISPATCH(backward_weights)(in, out, dy, xt, ld, n, dw, dbias);
+  HWY_DYNAMIC_DISPATCH(backward_weights)(in, out, dy, x, ld, n, dw, dbias);
 }
 void relu_backward(int rows, const float* y, float* dy, int64_t ld, int64_t n) {
   HWY_DYNAMIC_DISPATCH(relu_mask)(rows, y, dy, ld, n);

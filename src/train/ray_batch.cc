@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "nerf/base/error.h"
 
@@ -21,6 +22,10 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
 }
 
 bool PixelSource::draw(Random& random, Pixel& out) const {
+  return locate(random, out) && read(out);
+}
+
+bool PixelSource::locate(Random& random, Pixel& out) const {
   const uint64_t at = random.below(pixels_before_.back());
   const size_t i =
       static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
@@ -28,17 +33,23 @@ bool PixelSource::draw(Random& random, Pixel& out) const {
   const size_t view = static_cast<size_t>(views_[i]);
   const Photo& photo = photos_.photos[view];
   const uint64_t pixel = at - pixels_before_[i];
-  const int x = static_cast<int>(pixel % static_cast<uint64_t>(photo.width));
-  const int y = static_cast<int>(pixel / static_cast<uint64_t>(photo.width));
-  if (photo.masked_out(x, y)) return false;
-  const auto direction = unproject(photos_.cameras[view], {x + 0.5, y + 0.5});
+  out.photo = &photo;
+  out.x = static_cast<int>(pixel % static_cast<uint64_t>(photo.width));
+  out.y = static_cast<int>(pixel / static_cast<uint64_t>(photo.width));
+  photo.prefetch(out.x, out.y);
+  const auto direction = unproject(photos_.cameras[view], {out.x + 0.5, out.y + 0.5});
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
   out.ray.direction = normalized(poses_[i].rotation * *direction);
   out.ray.near = near_;
   out.ray.far = far_;
+  return true;
+}
+
+bool PixelSource::read(Pixel& out) const {
+  if (out.photo->masked_out(out.x, out.y)) return false;
   float rgba[4];
-  photo.pixel(x, y, rgba);
+  out.photo->pixel(out.x, out.y, rgba);
   std::copy(rgba, rgba + 3, out.rgb);
   out.alpha = rgba[3];
   return true;
@@ -76,14 +87,19 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   block.cell.clear();
   RaySampler& sampler = samplers_[static_cast<size_t>(thread)];
   RaySamples& samples = scratch_[static_cast<size_t>(thread)];
+  const int drawn = static_cast<int>(std::min<int64_t>(kBlock, rays - index * kBlock));
+  std::optional<Random> randoms[kBlock];  // none where there is no ray
+  PixelSource::Pixel pixels[kBlock];
+  for (int i = 0; i < drawn; ++i) {
+    Random random(seed, static_cast<uint64_t>(step), static_cast<uint64_t>(index * kBlock + i));
+    if (source_.locate(random, pixels[i])) randoms[i] = random;
+  }
   for (int i = 0; i < kBlock; ++i) {
     RayRecord& record = block.rays[i];
     record = RayRecord();
-    const int64_t ray = index * kBlock + i;
-    if (ray >= rays) continue;
-    Random random(seed, static_cast<uint64_t>(step), static_cast<uint64_t>(ray));
-    PixelSource::Pixel pixel;
-    if (!source_.draw(random, pixel)) continue;
+    if (!randoms[i] || !source_.read(pixels[i])) continue;
+    Random& random = *randoms[i];
+    const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.

@@ -23,10 +23,16 @@ class PixelSource {
     Ray ray;
     float rgb[3];  // straight colour
     float alpha;
+    const Photo* photo = nullptr;
+    int x = 0, y = 0;
   };
   // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
   // no ray for it (the draw then counts as nothing).
   bool draw(Random& random, Pixel& out) const;
+  // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
+  // finds photo and place and asks for the bytes, the second reads colour and mask.
+  bool locate(Random& random, Pixel& out) const;
+  bool read(Pixel& out) const;
   bool has_alpha() const { return alpha_; }
 
  private:

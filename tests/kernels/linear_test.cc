@@ -119,28 +119,6 @@ TEST(Linear, BackwardInput) {
   worst.report();
 }
 
-TEST(Linear, TransposeToSamples) {
-  for_each_target([&](const std::string&) {
-    Random random(18, 0, 0);
-    for (int in : kWidths)
-      for (int64_t n : kCounts) {
-        const Matrix x(in, n, random, -1, 1);
-        const int64_t stride = weight_stride(in);
-        AlignedArray<float> xt(static_cast<size_t>((x.padded + kLane) * stride));
-        for (float& v : xt) v = Matrix::kCanary;
-        transpose_to_samples(in, x.data.data(), x.ld, n, xt.data());
-        for (int64_t s = 0; s < x.padded + kLane; ++s)
-          for (int64_t k = 0; k < stride; ++k) {
-            const float want = s >= x.padded ? Matrix::kCanary
-                               : k < in      ? x.at(static_cast<int>(k), s)
-                                             : 0.0f;
-            ASSERT_EQ(xt[static_cast<size_t>(s * stride + k)], want)
-                << "in " << in << " n " << n << " sample " << s << " row " << k;
-          }
-      }
-  });
-}
-
 // Sums of n products on top of what is there; the padding columns of dw stay 0.
 TEST(Linear, BackwardWeights) {
   WorstError worst("backward_weights");
@@ -148,12 +126,10 @@ TEST(Linear, BackwardWeights) {
     const Matrix x(in, n, random, -1, 1);
     const Matrix dy(out, n, random, -1, 1, Matrix::Padding::kZero);
     const int64_t stride = weight_stride(in);
-    AlignedArray<float> xt(static_cast<size_t>(std::max<int64_t>(x.padded, 1) * stride));
-    transpose_to_samples(in, x.data.data(), x.ld, n, xt.data());
     const Layer start(in, out, random);
     const bool with_bias = n % 2 == 1;
     AlignedArray<float> dw = start.w, dbias = start.bias;
-    linear_backward_weights(in, out, dy.data.data(), xt.data(), dy.ld, n, dw.data(),
+    linear_backward_weights(in, out, dy.data.data(), x.data.data(), dy.ld, n, dw.data(),
                             with_bias ? dbias.data() : nullptr);
     Vector want = start.packed, size = absolute(start.packed), dx;
     Vector want_bias = start.bias_vector(), size_bias = absolute(want_bias);

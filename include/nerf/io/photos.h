@@ -21,6 +21,15 @@ struct Photo {
 
   // Straight colour and alpha of pixel (x, y) in [0, 1] (EXR may exceed 1); alpha 1 where absent.
   void pixel(int x, int y, float rgba[4]) const;
+  // Asks for the memory that pixel() and masked_out() of this place will read.
+  void prefetch(int x, int y) const {
+    const size_t at = static_cast<size_t>(y) * width + x, c = static_cast<size_t>(channels);
+    if (!pixels8.empty())
+      __builtin_prefetch(pixels8.data() + at * c);
+    else
+      __builtin_prefetch(pixels16.data() + at * c);
+    if (!mask.empty()) __builtin_prefetch(mask.data() + at);
+  }
   bool masked_out(int x, int y) const {
     return !mask.empty() && mask[static_cast<size_t>(y) * width + x] == 0;
   }

@@ -27,11 +27,8 @@ void linear_forward(int in, int out, const float* w, const float* bias, const fl
 void linear_backward_input(int in, int out, const float* w, const float* dy, float* dx, int64_t ld,
                            int64_t n, const float* relu_output);
 
-// xt[s][k] = x[k][s] for s in [0, n rounded up), stride weight_stride(in); padding columns are 0.
-void transpose_to_samples(int in, const float* x, int64_t ld, int64_t n, float* xt);
-
-// dw[j][k] += sum_s dy[j][s] x[k][s], x given transposed. dbias[j] += sum_s dy[j][s] unless null.
-void linear_backward_weights(int in, int out, const float* dy, const float* xt, int64_t ld,
+// dw[j][k] += sum_s dy[j][s] x[k][s] for k < in. dbias[j] += sum_s dy[j][s] unless null.
+void linear_backward_weights(int in, int out, const float* dy, const float* x, int64_t ld,
                              int64_t n, float* dw, float* dbias);
 
 // dy[r][s] = 0 where y[r][s] == 0 (y the output of a ReLU), in place.
