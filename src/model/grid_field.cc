@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
+#include "nerf/base/error.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"
 
@@ -32,12 +34,22 @@ void xavier_uniform(const LinearWeights& w, Random random, float* weights) {
 
 }  // namespace
 
+// Finer cells place the samples of a thin surface better, but one in an unbounded scene has too
+// many of them to learn each (docs/architecture.md).
+int occupancy_side(const GridOptions& o, bool unbounded) {
+  if (o.occupancy_side == 0) return unbounded ? 128 : 256;
+  if (o.occupancy_side % 16 != 0)
+    throw Error(std::to_string(o.occupancy_side) + " cells across are no multiple of 16",
+                "option occupancy_side", "for example 128 or 256");
+  return o.occupancy_side;
+}
+
 GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
     : options(o),
       unbounded(is_unbounded),
       shape(hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution)),
       table(shape.rows * kGridFeatures),
-      occupancy(cascades),
+      occupancy(cascades, occupancy_side(o, is_unbounded)),
       clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
   size_t size = 0;
   density_layers =

@@ -49,6 +49,11 @@ RadianceField read_model(const ContainerReader& file) {
     throw Error(
         "is a damaged model file: its table does not have the size that its options ask for",
         file.where());
+  const uint64_t side = static_cast<uint64_t>(occupancy_side(options, info.unbounded));
+  if (file.decoded_bytes("occupancy") != static_cast<uint64_t>(cascades) * side * side * side)
+    throw Error(
+        "is a damaged model file: its occupancy does not have the size that its options ask for",
+        file.where());
 
   auto field = std::make_shared<GridField>(options, info.unbounded, cascades);
   std::vector<uint16_t> half(entries);

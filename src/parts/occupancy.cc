@@ -9,13 +9,12 @@ namespace nerf {
 
 namespace {
 constexpr float kUnknown = 0.02f;  // before anything was seen: occupied, and everywhere alike
-constexpr float kRise = 0.15f, kFall = 0.15f;
-constexpr float kSolid = 0.1f;  // opacity from which a cell keeps its neighbours switched on
+constexpr float kShare = 0.15f;    // of a cell's memory that one point replaces
+constexpr float kSolid = 0.1f;     // opacity from which a cell keeps its neighbours switched on
 constexpr float kMostOpaque = 0.9999f;  // keeps the thickness of a cell finite
 
-int64_t brick_major(int x, int y, int z) {
-  constexpr int b = OccupancyGrid::kBricks;
-  const int64_t brick = (int64_t{z >> 2} * b + (y >> 2)) * b + (x >> 2);
+int64_t brick_major(int x, int y, int z, int bricks) {
+  const int64_t brick = (int64_t{z >> 2} * bricks + (y >> 2)) * bricks + (x >> 2);
   return brick * 64 + ((z & 3) * 16 + (y & 3) * 4 + (x & 3));
 }
 // Bits of a brick's cells: x in bits 0-1 of the index, y in 2-3, z in 4-5.
@@ -24,11 +23,10 @@ constexpr int kShift[3] = {1, 4, 16};
 
 // Cells of a brick that are solid or share a face with a solid one, those of the six neighbouring
 // bricks included.
-uint64_t grow(const std::vector<uint64_t>& solid, size_t cascade, int bx, int by, int bz) {
-  constexpr int n = OccupancyGrid::kBricks;
+uint64_t grow(const uint64_t* solid, int n, int bx, int by, int bz) {
   const auto at = [&](int x, int y, int z) -> uint64_t {
     if (x < 0 || y < 0 || z < 0 || x >= n || y >= n || z >= n) return 0;
-    return solid[cascade * n * n * n + static_cast<size_t>((int64_t{z} * n + y) * n + x)];
+    return solid[(int64_t{z} * n + y) * n + x];
   };
   const uint64_t m = at(bx, by, bz);
   uint64_t out = m;
@@ -46,12 +44,14 @@ uint64_t grow(const std::vector<uint64_t>& solid, size_t cascade, int bx, int by
 }
 }  // namespace
 
-OccupancyGrid::OccupancyGrid(int cascades)
-    : cascades_(cascades),
-      opacity_(static_cast<size_t>(cascades) * kCells),
-      levels_(static_cast<size_t>(cascades) * kCells),
-      masks_(static_cast<size_t>(cascades) * kBricks * kBricks * kBricks) {
+OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side_(side) {
   NERF_CHECK(cascades >= 1 && cascades <= 16);
+  NERF_CHECK(side >= 16 && side <= kMostSide && side % 16 == 0);
+  const size_t cells_in_all = static_cast<size_t>(cascades) * static_cast<size_t>(cells());
+  opacity_ = AlignedArray<float>(cells_in_all);
+  levels_ = AlignedArray<uint8_t>(cells_in_all);
+  masks_.resize(cells_in_all / 64);
+  solid_.resize(masks_.size());
   for (int i = 0; i < 256; ++i) {
     const float root = static_cast<float>(i) / 255.0f;
     thickness_of_level_[static_cast<size_t>(i)] = -std::log1p(-std::min(root * root, kMostOpaque));
@@ -73,22 +73,23 @@ int OccupancyGrid::cascade_of(const Vec3& p) const {
   return c;
 }
 
-int64_t OccupancyGrid::cell_of(const Vec3& p, int cascade) {
+int64_t OccupancyGrid::cell_of(const Vec3& p, int cascade) const {
   const float scale = 1.0f / cell_width(cascade);
   int at[3];
   for (int i = 0; i < 3; ++i)
-    at[i] = std::clamp(static_cast<int>(std::floor(p[i] * scale)) + kSide / 2, 0, kSide - 1);
-  return brick_major(at[0], at[1], at[2]);
+    at[i] = std::clamp(static_cast<int>(std::floor(p[i] * scale)) + side_ / 2, 0, side_ - 1);
+  return brick_major(at[0], at[1], at[2], bricks());
 }
 
-Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) {
+Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) const {
+  const int64_t n = bricks();
   const int64_t brick = cell / 64;
   const int in = static_cast<int>(cell % 64);
-  const int x = static_cast<int>(brick % kBricks) * 4 + (in & 3);
-  const int y = static_cast<int>(brick / kBricks % kBricks) * 4 + ((in >> 2) & 3);
-  const int z = static_cast<int>(brick / (kBricks * kBricks)) * 4 + (in >> 4);
+  const int x = static_cast<int>(brick % n) * 4 + (in & 3);
+  const int y = static_cast<int>(brick / n % n) * 4 + ((in >> 2) & 3);
+  const int z = static_cast<int>(brick / (n * n)) * 4 + (in >> 4);
   const float w = cell_width(cascade);
-  const float h = kSide / 2;
+  const float h = static_cast<float>(side_ / 2);
   return {(static_cast<float>(x) - h) * w, (static_cast<float>(y) - h) * w,
           (static_cast<float>(z) - h) * w};
 }
@@ -96,63 +97,107 @@ Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) {
 void OccupancyGrid::observe(int cascade, int64_t cell, float seen) {
   float& a = opacity_[index(cascade, cell)];
   if (a < 0 || !(seen >= 0)) return;
-  a += (seen > a ? kRise : kFall) * (seen - a);
+  a += kShare * (seen - a);
 }
 
-void OccupancyGrid::rebuild(float threshold) {
+// What a brick of 64 floats below 0 looks like: nothing in it ever changes.
+bool OccupancyGrid::brick_is_off(size_t brick) const {
+  float most = kOff;
+  for (size_t i = 0; i < 64; ++i) most = std::max(most, opacity_[brick * 64 + i]);
+  return most < 0;
+}
+
+void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
+  constexpr size_t kPerItem = 1024;  // bricks
+  const size_t items = (masks_.size() + kPerItem - 1) / kPerItem;
+  const auto each_item = [&](const auto& body) {
+    const auto one = [&](int64_t i) {
+      const size_t first = static_cast<size_t>(i) * kPerItem;
+      body(static_cast<size_t>(i), first, std::min(masks_.size(), first + kPerItem));
+    };
+    if (pool)
+      pool->parallel_for(static_cast<int64_t>(items), one);
+    else
+      for (size_t i = 0; i < items; ++i) one(static_cast<int64_t>(i));
+  };
+
+  std::vector<double> sums(items);
+  std::vector<int64_t> counts(items);
+  each_item([&](size_t item, size_t first, size_t last) {
+    for (size_t b = first; b < last; ++b) {
+      solid_[b] = 0;
+      if (brick_is_off(b)) continue;
+      float sum = 0;
+      int64_t on = 0;
+      for (size_t i = 0; i < 64; ++i) {
+        const float a = opacity_[b * 64 + i];
+        sum += std::max(a, 0.0f);
+        on += a >= 0;
+        solid_[b] |= uint64_t{a >= kSolid} << i;
+      }
+      sums[item] += static_cast<double>(sum);
+      counts[item] += on;
+    }
+  });
   double sum = 0;
   int64_t on = 0;
-  for (float a : opacity_)
-    if (a >= 0) {
-      sum += a;
-      ++on;
-    }
+  for (size_t i = 0; i < items; ++i) {
+    sum += sums[i];
+    on += counts[i];
+  }
   const float mean = on ? static_cast<float>(sum / static_cast<double>(on)) : 0;
   const float limit = std::min(threshold, mean);
-  for (size_t i = 0; i < opacity_.size(); ++i) {
-    const float a = opacity_[i];
-    levels_[i] = a >= limit && a > 0
-                     ? static_cast<uint8_t>(std::clamp(std::sqrt(a) * 255.0f + 0.5f, 1.0f, 255.0f))
-                     : uint8_t{0};
-  }
-  keep_neighbours_of_solid();
-  build_masks();
+
+  each_item([&](size_t, size_t first, size_t last) {
+    for (size_t b = first; b < last; ++b) {
+      uint8_t* levels = levels_.data() + b * 64;
+      masks_[b] = 0;
+      if (brick_is_off(b)) {
+        std::fill_n(levels, 64, uint8_t{0});
+        continue;
+      }
+      for (size_t i = 0; i < 64; ++i) {
+        const float a = opacity_[b * 64 + i];
+        const float root = std::sqrt(std::max(a, 0.0f)) * 255.0f + 0.5f;
+        const uint8_t level = static_cast<uint8_t>(std::min(std::max(root, 1.0f), 255.0f));
+        levels[i] = a >= limit && a > 0 ? level : uint8_t{0};
+      }
+      keep_neighbours_of_solid(b);
+      for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels[i] != 0} << i;
+    }
+  });
+  measure_occupied();
 }
 
 // A surface that moves by less than a cell must not fall into a gap.
-void OccupancyGrid::keep_neighbours_of_solid() {
-  std::vector<uint64_t> solid(masks_.size());
-  for (size_t b = 0; b < masks_.size(); ++b)
-    for (size_t i = 0; i < 64; ++i) solid[b] |= uint64_t{opacity_[b * 64 + i] >= kSolid} << i;
-  for (size_t b = 0; b < masks_.size(); ++b) {
-    constexpr size_t n = kBricks;
-    const uint64_t grown = grow(solid, b / (n * n * n), static_cast<int>(b % n),
-                                static_cast<int>(b / n % n), static_cast<int>(b / (n * n) % n));
-    for (uint64_t m = grown; m; m &= m - 1) {
-      const size_t i = b * 64 + static_cast<size_t>(__builtin_ctzll(m));
-      if (opacity_[i] >= 0 && levels_[i] == 0) levels_[i] = 1;
-    }
+void OccupancyGrid::keep_neighbours_of_solid(size_t b) {
+  const size_t n = static_cast<size_t>(bricks()), in = b % bricks_of_cascade();
+  const uint64_t grown = grow(solid_.data() + (b - in), bricks(), static_cast<int>(in % n),
+                              static_cast<int>(in / n % n), static_cast<int>(in / (n * n)));
+  for (uint64_t m = grown; m; m &= m - 1) {
+    const size_t i = b * 64 + static_cast<size_t>(__builtin_ctzll(m));
+    if (opacity_[i] >= 0 && levels_[i] == 0) levels_[i] = 1;
   }
 }
 
 void OccupancyGrid::set_levels(std::span<const uint8_t> levels) {
   NERF_CHECK_EQ(levels.size(), levels_.size());
   std::copy(levels.begin(), levels.end(), levels_.begin());
-  build_masks();
+  for (size_t b = 0; b < masks_.size(); ++b) {
+    masks_[b] = 0;
+    for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels_[b * 64 + i] != 0} << i;
+  }
+  measure_occupied();
 }
 
-void OccupancyGrid::build_masks() {
+void OccupancyGrid::measure_occupied() {
   int64_t occupied = 0;
   occupied_box_ = Box3();
-  constexpr size_t kBricksOfCascade = size_t{kBricks} * kBricks * kBricks;
   for (size_t b = 0; b < masks_.size(); ++b) {
-    uint64_t mask = 0;
-    for (size_t i = 0; i < 64; ++i) mask |= uint64_t{levels_[b * 64 + i] != 0} << i;
-    masks_[b] = mask;
-    occupied += __builtin_popcountll(mask);
-    if (mask == 0) continue;
-    const int c = static_cast<int>(b / kBricksOfCascade);
-    const Vec3 corner = cell_corner(static_cast<int64_t>(b % kBricksOfCascade) * 64, c);
+    if (masks_[b] == 0) continue;
+    occupied += __builtin_popcountll(masks_[b]);
+    const int c = static_cast<int>(b / bricks_of_cascade());
+    const Vec3 corner = cell_corner(static_cast<int64_t>(b % bricks_of_cascade()) * 64, c);
     const float w = 4 * cell_width(c);
     occupied_box_.extend(corner.cast<double>());
     occupied_box_.extend((corner + Vec3{w, w, w}).cast<double>());

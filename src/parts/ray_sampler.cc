@@ -33,7 +33,8 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
     clip_.max[i] = std::min(clip_.max[i], half);
   }
   // A ray crosses at most three cells per unit of each axis it moves along, in every cascade.
-  segments_.resize(static_cast<size_t>(grid.cascades()) * 3 * (OccupancyGrid::kSide + 1) + 64);
+  segments_.resize(
+      static_cast<size_t>(grid.cascades()) * 3 * (static_cast<size_t>(grid.side()) + 1) + 64);
   mass_.resize(segments_.size());
 }
 
@@ -94,24 +95,24 @@ void RaySampler::march(const Ray& ray, float min_transmittance) {
 
 float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
   const int c = cascade;
-  constexpr int kBricks = OccupancyGrid::kBricks, kHalf = kBricks / 2;
-  const float cell_width = OccupancyGrid::cell_width(c), width = 4 * cell_width;
+  const int bricks = grid_.bricks(), half = bricks / 2;
+  const float cell_width = grid_.cell_width(c), width = 4 * cell_width;
   int at[3];
   float next[3];
   for (int i = 0; i < 3; ++i) {
     const float p = v.origin[i] + v.direction[i] * t;
-    at[i] = std::clamp(static_cast<int>(std::floor(p / width)) + kHalf, 0, kBricks - 1);
-    next[i] = v.border(i, at[i], kHalf, width);
+    at[i] = std::clamp(static_cast<int>(std::floor(p / width)) + half, 0, bricks - 1);
+    next[i] = v.border(i, at[i], half, width);
   }
   const auto in_finer = [&] {
     for (int a : at)
-      if (a < kHalf / 2 || a >= kBricks - kHalf / 2) return false;
+      if (a < half / 2 || a >= bricks - half / 2) return false;
     return true;
   };
   for (;;) {
     const int axis = least(next);
     const float exit = std::min(std::max(next[axis], t), v.end);
-    const int64_t brick = (int64_t{at[2]} * kBricks + at[1]) * kBricks + at[0];
+    const int64_t brick = (int64_t{at[2]} * bricks + at[1]) * bricks + at[0];
     const uint64_t mask = grid_.brick_mask(c, brick);
     if (mask != 0) march_brick(v, c, brick, mask, at, t, exit);
     t = exit;
@@ -119,7 +120,7 @@ float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
     at[axis] += v.step[axis];
     // By the bricks' places and not by the point's: rounding may keep a point this side of the
     // border.
-    if (at[axis] < 0 || at[axis] >= kBricks) {
+    if (at[axis] < 0 || at[axis] >= bricks) {
       ++cascade;
       return t;
     }
@@ -127,21 +128,21 @@ float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
       --cascade;
       return t;
     }
-    next[axis] = v.border(axis, at[axis], kHalf, width);
+    next[axis] = v.border(axis, at[axis], half, width);
   }
 }
 
 void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
                              const int brick_at[3], float t, float brick_exit) {
-  constexpr int kHalf = OccupancyGrid::kSide / 2;
-  const float width = OccupancyGrid::cell_width(c), scale = 1.0f / width;
+  const int half = grid_.side() / 2;
+  const float width = grid_.cell_width(c), scale = 1.0f / width;
   int at[3];
   float next[3];
   for (int i = 0; i < 3; ++i) {
     const float p = v.origin[i] + v.direction[i] * t;
     const int first = brick_at[i] * 4;
-    at[i] = std::clamp(static_cast<int>(std::floor(p * scale)) + kHalf, first, first + 3);
-    next[i] = v.border(i, at[i], kHalf, width);
+    at[i] = std::clamp(static_cast<int>(std::floor(p * scale)) + half, first, first + 3);
+    next[i] = v.border(i, at[i], half, width);
   }
   for (;;) {
     const int axis = least(next);
@@ -158,7 +159,7 @@ void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
     const int moved = at[axis] + v.step[axis];
     if ((moved ^ at[axis]) & ~3) return;  // out of the brick
     at[axis] = moved;
-    next[axis] = v.border(axis, moved, kHalf, width);
+    next[axis] = v.border(axis, moved, half, width);
   }
 }
 

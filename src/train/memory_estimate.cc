@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/train/run.h"
 
@@ -15,7 +17,11 @@ uint64_t training_memory_bytes(const TrainOptions& options, int threads) {
   // table once more.
   const uint64_t table = shape.rows * (5 * kGridFeatures * sizeof(float) + 3);
   constexpr uint64_t kCascades = 5, kBytesPerCell = 6;
-  const uint64_t occupancy = 2 * kCascades * OccupancyGrid::kCells * kBytesPerCell;
+  const auto cells = [&](bool unbounded) {
+    const uint64_t side = static_cast<uint64_t>(occupancy_side(o, unbounded));
+    return side * side * side * (unbounded ? kCascades : 1);
+  };
+  const uint64_t occupancy = 2 * std::max(cells(false), cells(true)) * kBytesPerCell;
   const uint64_t hidden = static_cast<uint64_t>(o.hidden);
   const uint64_t network =
       hidden * hidden * static_cast<uint64_t>(o.density_layers + o.colour_layers + 2) * 4;

@@ -121,9 +121,9 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
       block.z.push_back(g.z);
       block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
       const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
-      block.cell.push_back(static_cast<int32_t>(cascade * OccupancyGrid::kCells +
-                                                OccupancyGrid::cell_of(p, cascade)));
-      block.cell_width.push_back(OccupancyGrid::cell_width(cascade));
+      block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
+                                                field_.occupancy.cell_of(p, cascade)));
+      block.cell_width.push_back(field_.occupancy.cell_width(cascade));
     }
   }
 }

@@ -53,7 +53,7 @@ struct RayBatch {
   int chunks = 0;
   AlignedArray<float> x, y, z;  // grid coordinates, [0, 1]
   AlignedArray<float> delta;
-  AlignedArray<int32_t> cell;  // occupancy cell: cascade * kCells + cell
+  AlignedArray<int32_t> cell;  // occupancy cell: cascade * cells() + cell
   AlignedArray<float> cell_width;
   std::vector<int> samples, rays;                     // of each chunk
   std::vector<int32_t> ray_begin;                     // of each chunk, kChunkRays + 1 entries

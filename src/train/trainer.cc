@@ -80,13 +80,13 @@ void Trainer::Impl::initialise() {
   field.initialise(options.seed ^ salt);
   // A finer cascade answers for the middle of a coarser one.
   for (int c = 1; c < field.occupancy.cascades(); ++c)
-    for (int64_t i = 0; i < OccupancyGrid::kCells; ++i) {
-      const float w = OccupancyGrid::cell_width(c);
-      const Vec3 centre = OccupancyGrid::cell_corner(i, c) + Vec3{0.5f * w, 0.5f * w, 0.5f * w};
+    for (int64_t i = 0; i < field.occupancy.cells(); ++i) {
+      const float w = field.occupancy.cell_width(c);
+      const Vec3 centre = field.occupancy.cell_corner(i, c) + Vec3{0.5f * w, 0.5f * w, 0.5f * w};
       if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
     }
   switch_off_impossible_cells(scene, photos, pool, field.occupancy);
-  field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold));
+  field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
 }
 
 float Trainer::Impl::rate_at(int64_t step) const {
@@ -220,14 +220,14 @@ void Trainer::Impl::scatter() {
 }
 
 void Trainer::Impl::observe_samples() {
+  const int64_t cells = field.occupancy.cells();
   for (int c = 0; c < batch.chunks; ++c) {
     const int64_t at = int64_t{c} * kChunkSamples;
     for (int64_t s = at; s < at + batch.samples[static_cast<size_t>(c)]; ++s) {
       const float seen = -std::expm1(-densities[static_cast<size_t>(s)] *
                                      batch.cell_width[static_cast<size_t>(s)]);
       const int64_t cell = batch.cell[static_cast<size_t>(s)];
-      field.occupancy.observe(static_cast<int>(cell / OccupancyGrid::kCells),
-                              cell % OccupancyGrid::kCells, seen);
+      field.occupancy.observe(static_cast<int>(cell / cells), cell % cells, seen);
     }
   }
 }
@@ -260,12 +260,13 @@ void Trainer::Impl::update(float rate) {
 
 // One random point in one cell of every group of `group` cells.
 void Trainer::Impl::refresh_occupancy() {
-  constexpr int64_t kInterval = 16, kGroup = 32;
+  constexpr int64_t kInterval = 16, kMostPoints = 1 << 17;
   if (done % kInterval != 0) return;
   const bool whole = done == 32 || done == 64 || done == 128 || done == 256;
-  const int64_t group = whole ? 1 : kGroup;
   OccupancyGrid& grid = field.occupancy;
-  const int64_t points = grid.cascades() * OccupancyGrid::kCells / group;
+  const int64_t group =
+      whole ? 1 : std::max<int64_t>(32, grid.cascades() * grid.cells() / kMostPoints);
+  const int64_t points = grid.cascades() * grid.cells() / group;
   constexpr int64_t kBlock = kChunkSamples;
   pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
@@ -278,11 +279,11 @@ void Trainer::Impl::refresh_occupancy() {
                     static_cast<uint64_t>(i));
       const int64_t at =
           i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));
-      const int c = static_cast<int>(at / OccupancyGrid::kCells);
-      const int64_t in = at % OccupancyGrid::kCells;
+      const int c = static_cast<int>(at / grid.cells());
+      const int64_t in = at % grid.cells();
       if (grid.is_off(c, in)) continue;
-      const float w = OccupancyGrid::cell_width(c);
-      const Vec3 corner = OccupancyGrid::cell_corner(in, c);
+      const float w = grid.cell_width(c);
+      const Vec3 corner = grid.cell_corner(in, c);
       const Vec3 g = field.grid_position(
           corner + Vec3{random.uniform() * w, random.uniform() * w, random.uniform() * w});
       x[n] = g.x;
@@ -303,10 +304,9 @@ void Trainer::Impl::refresh_occupancy() {
     tape.forward_density(chunk);
     const float* density = chunk.data(tape.density);
     for (int k = 0; k < n; ++k)
-      grid.observe(cascade[k], cell[k],
-                   -std::expm1(-density[k] * OccupancyGrid::cell_width(cascade[k])));
+      grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
   });
-  grid.rebuild(static_cast<float>(options.occupancy_threshold));
+  grid.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
 }
 
 Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
@@ -353,7 +353,7 @@ void Trainer::restart(uint64_t salt, double rate_factor) {
   t.done = 0;
   t.samples_per_ray = 16;
   t.optimiser = OptimiserState(t.field);
-  t.field.occupancy = OccupancyGrid(t.field.occupancy.cascades());
+  t.field.occupancy = OccupancyGrid(t.field.occupancy.cascades(), t.field.occupancy.side());
   t.initialise();
 }
 

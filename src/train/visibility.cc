@@ -122,15 +122,15 @@ void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, Thr
     return seen;
   };
 
-  constexpr int64_t kBricks = OccupancyGrid::kCells / 64;
-  pool.parallel_for(grid.cascades() * kBricks, [&](int64_t i) {
-    const int c = static_cast<int>(i / kBricks);
-    const int64_t first = i % kBricks * 64;
-    const float w = OccupancyGrid::cell_width(c);
-    const bool brick = possible(OccupancyGrid::cell_corner(first, c), 4 * w);
+  const int64_t bricks = grid.cells() / 64;
+  pool.parallel_for(grid.cascades() * bricks, [&](int64_t i) {
+    const int c = static_cast<int>(i / bricks);
+    const int64_t first = i % bricks * 64;
+    const float w = grid.cell_width(c);
+    const bool brick = possible(grid.cell_corner(first, c), 4 * w);
     for (int64_t cell = first; cell < first + 64; ++cell)
       // Single cells only where alpha can tell them apart.
-      if (!brick || (!tables.empty() && !possible(OccupancyGrid::cell_corner(cell, c), w)))
+      if (!brick || (!tables.empty() && !possible(grid.cell_corner(cell, c), w)))
         grid.switch_off(c, cell);
   });
 }

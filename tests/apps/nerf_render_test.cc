@@ -53,6 +53,7 @@ class NerfRender : public testing::Test {
     GridOptions options;
     options.levels = 2;
     options.log2_entries = 10;
+    options.occupancy_side = 64;
     auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, /*cascades=*/1);
     grid->initialise(1);
     fs::create_directory(run_);

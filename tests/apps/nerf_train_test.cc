@@ -25,10 +25,24 @@ using Arguments = std::vector<std::string>;
 
 // Steps of milliseconds.
 Arguments tiny(Arguments more = {}) {
-  Arguments a = {"--batch-samples", "4800", "--grid-levels",           "4",  "--grid-log2-entries",
-                 "12",              "--grid-base-resolution", "8",  "--grid-finest-resolution",
-                 "64",              "--grid-hidden",          "16", "--grid-colour-layers",
-                 "1",               "--eval-every",           "0"};
+  Arguments a = {"--batch-samples",
+                 "4800",
+                 "--grid-levels",
+                 "4",
+                 "--grid-log2-entries",
+                 "12",
+                 "--grid-base-resolution",
+                 "8",
+                 "--grid-occupancy-side",
+                 "64",
+                 "--grid-finest-resolution",
+                 "64",
+                 "--grid-hidden",
+                 "16",
+                 "--grid-colour-layers",
+                 "1",
+                 "--eval-every",
+                 "0"};
   a.insert(a.end(), more.begin(), more.end());
   return a;
 }
@@ -181,9 +195,8 @@ TEST_F(NerfTrain, KilledAndResumedIsTheSameRun) {
 }
 
 TEST_F(NerfTrain, SigtermSavesAndLeavesWithItsCode) {
-  Program program(NERF_TRAIN_PROGRAM,
-                  tiny({scene(), "-o", run_folder(), "--steps", "100000000", "--checkpoint-every",
-                        "0.002", "--report-every", "1"}));
+  Program program(NERF_TRAIN_PROGRAM, tiny({scene(), "-o", run_folder(), "--steps", "100000000",
+                                            "--checkpoint-every", "0.002", "--report-every", "1"}));
   wait_for_checkpoint(program);
   kill(program.pid(), SIGTERM);
   const ProgramResult result = program.wait();
@@ -258,9 +271,9 @@ TEST_F(NerfTrain, AFullDiskLeavesTheLastCheckpoint) {
   model_after("run", {"--steps", "5"});
   const std::string before = file("checkpoint.nerf");
   // Room for the small files, not for a checkpoint (in units of 1024 bytes).
-  const ProgramResult result = testing_apps::run_program(
-      "/bin/bash", {"-c", "ulimit -f 1000; exec \"$@\"", "bash", NERF_TRAIN_PROGRAM, "-o",
-                    run_folder(), "--resume"});
+  const ProgramResult result =
+      testing_apps::run_program("/bin/bash", {"-c", "ulimit -f 1000; exec \"$@\"", "bash",
+                                              NERF_TRAIN_PROGRAM, "-o", run_folder(), "--resume"});
   EXPECT_EQ(result.exit_code, 2) << result.err;
   expect_line(result, "nerf_train: " + run_folder() + "/checkpoint.nerf: cannot write");
   EXPECT_TRUE(before == file("checkpoint.nerf"));

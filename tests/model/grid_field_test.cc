@@ -17,6 +17,7 @@ GridOptions small_options(int density_layers, int colour_layers) {
   GridOptions o;
   o.levels = 2;
   o.log2_entries = 8;
+  o.occupancy_side = 64;
   o.base_resolution = 4;
   o.finest_resolution = 16;
   o.hidden = 16;

@@ -38,6 +38,7 @@ GridOptions tiny_options() {
   GridOptions o;
   o.levels = 2;
   o.log2_entries = 6;
+  o.occupancy_side = 16;
   o.base_resolution = 3;
   o.finest_resolution = 9;
   o.hidden = 16;

@@ -45,6 +45,7 @@ RadianceField sample_field(bool unbounded = false, int cascades = 1) {
   GridOptions options;
   options.levels = 2;
   options.log2_entries = 10;
+  options.occupancy_side = 64;
   options.base_resolution = 4;
   options.finest_resolution = 32;
   options.hidden = 16;
@@ -202,7 +203,11 @@ TEST(ModelFile, HeadersOfOtherProgramsAreChecked) {
   EXPECT_TRUE(contains(reading_with("[0.0,-1.0,0.0,", "[0.0,-1.5,0.0,"), "is not a rotation"));
   EXPECT_TRUE(contains(reading_with("\"cascades\":1", "\"cascades\":40"), "from 1 to 16"));
   // More occupancy or a larger table than the file holds.
-  EXPECT_TRUE(contains(reading_with("\"cascades\":1", "\"cascades\":2"), "section 'occupancy'"));
+  EXPECT_TRUE(contains(reading_with("\"cascades\":1", "\"cascades\":2"), "its occupancy"));
+  EXPECT_TRUE(
+      contains(reading_with("\"occupancy_side\":64", "\"occupancy_side\":512"), "its occupancy"));
+  EXPECT_TRUE(
+      contains(reading_with("\"occupancy_side\":64", "\"occupancy_side\":65"), "multiple of 16"));
   EXPECT_TRUE(contains(reading_with("\"log2_entries\":10", "\"log2_entries\":24"), "its table"));
   EXPECT_TRUE(contains(reading_with("\"log2_entries\":10", "\"log2_entries\":99"), "log2_entries"));
   EXPECT_TRUE(contains(reading_with("\"hidden\":16", "\"hidden\":1024"), "section 'networks'"));

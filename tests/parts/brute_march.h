@@ -20,7 +20,9 @@ struct Stretch {
 };
 
 inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int cascades,
-                                        const Pattern& pattern) {
+                                        const Pattern& pattern,
+                                        int side = OccupancyGrid::kDefaultSide) {
+  const int middle_place = side / 2;
   const double half = std::ldexp(1.0, cascades - 1);
   double begin = ray.near, end = ray.far;
   int first_axis = -1, last_axis = -1;
@@ -44,10 +46,10 @@ inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int ca
   };
   std::vector<Crossing> crossings;
   for (int c = 0; c < cascades; ++c)
-    for (int k = -64; k <= 64; ++k)
+    for (int k = -middle_place; k <= middle_place; ++k)
       for (int i = 0; i < 3; ++i) {
         if (ray.direction[i] == 0) continue;
-        const double t = (std::ldexp(k, c) / 64 - ray.origin[i]) / ray.direction[i];
+        const double t = (std::ldexp(k, c) / middle_place - ray.origin[i]) / ray.direction[i];
         if (t > begin && t < end) crossings.push_back({t, i});
       }
   std::sort(crossings.begin(), crossings.end(), [](auto& a, auto& b) { return a.t < b.t; });
@@ -75,7 +77,9 @@ inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int ca
     int c = 0;
     while (c < cascades - 1 && !inside(c)) ++c;
     const auto index = [&](double v) {
-      return std::clamp(static_cast<int>(std::floor(v * std::ldexp(64.0, -c))) + 64, 0, 127);
+      return std::clamp(
+          static_cast<int>(std::floor(v * std::ldexp(middle_place, -c))) + middle_place, 0,
+          side - 1);
     };
     if (pattern({c, index(middle.x), index(middle.y), index(middle.z)}) == 0) continue;
     if (!out.empty() && out.back().t1 == from.t) {

@@ -11,16 +11,16 @@
 
 namespace nerf {
 
-// Integer place of a cell in its cascade, each in [0, 128).
+// Integer place of a cell in its cascade, each in [0, side).
 struct CellPlace {
   int cascade, x, y, z;
 };
 
-inline CellPlace place_of(int64_t cell, int cascade) {
-  const Vec3 corner = OccupancyGrid::cell_corner(cell, cascade);
-  const float w = OccupancyGrid::cell_width(cascade);
+inline CellPlace place_of(const OccupancyGrid& grid, int64_t cell, int cascade) {
+  const Vec3 corner = grid.cell_corner(cell, cascade);
+  const float w = grid.cell_width(cascade);
   const auto index = [&](float v) {
-    return static_cast<int>(std::lround(v / w)) + OccupancyGrid::kSide / 2;
+    return static_cast<int>(std::lround(v / w)) + grid.side() / 2;
   };
   return {cascade, index(corner.x), index(corner.y), index(corner.z)};
 }
@@ -29,15 +29,16 @@ inline CellPlace place_of(int64_t cell, int cascade) {
 using Pattern = std::function<uint8_t(const CellPlace&)>;
 
 // Cells of a cascade that a finer one answers for are empty.
-inline OccupancyGrid make_grid(int cascades, const Pattern& pattern) {
-  OccupancyGrid grid(cascades);
-  std::vector<uint8_t> levels(static_cast<size_t>(cascades * OccupancyGrid::kCells));
+inline OccupancyGrid make_grid(int cascades, const Pattern& pattern,
+                               int side = OccupancyGrid::kDefaultSide) {
+  OccupancyGrid grid(cascades, side);
+  std::vector<uint8_t> levels(static_cast<size_t>(cascades * grid.cells()));
   for (int c = 0; c < cascades; ++c)
-    for (int64_t cell = 0; cell < OccupancyGrid::kCells; ++cell) {
-      const CellPlace p = place_of(cell, c);
-      const auto inner = [](int i) { return i >= 32 && i < 96; };
+    for (int64_t cell = 0; cell < grid.cells(); ++cell) {
+      const CellPlace p = place_of(grid, cell, c);
+      const auto inner = [&](int i) { return i >= side / 4 && i < side / 4 * 3; };
       const bool finer = c > 0 && inner(p.x) && inner(p.y) && inner(p.z);
-      levels[static_cast<size_t>(c * OccupancyGrid::kCells + cell)] = finer ? 0 : pattern(p);
+      levels[static_cast<size_t>(c * grid.cells() + cell)] = finer ? 0 : pattern(p);
     }
   grid.set_levels(levels);
   return grid;

@@ -16,29 +16,41 @@
 namespace nerf {
 namespace {
 
-constexpr int kSide = OccupancyGrid::kSide;
-constexpr int64_t kCells = OccupancyGrid::kCells;
+constexpr int kSide = OccupancyGrid::kDefaultSide;
+constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
 
 TEST(Occupancy, CellAndCornerAreInverse) {
-  for (int c = 0; c < 4; ++c) {
-    const float w = OccupancyGrid::cell_width(c);
-    EXPECT_EQ(w, std::ldexp(1.0f, c) / 64);
-    for (int64_t cell = 0; cell < kCells; ++cell) {
-      const Vec3 corner = OccupancyGrid::cell_corner(cell, c);
-      ASSERT_EQ(OccupancyGrid::cell_of(corner, c), cell);
-      const float in = 0.999f * w;
-      ASSERT_EQ(OccupancyGrid::cell_of(corner + Vec3{in, in, in}, c), cell);
+  for (int side : {16, 48, 128, 256}) {
+    const OccupancyGrid grid(1, side);
+    ASSERT_EQ(grid.cells(), int64_t{side} * side * side);
+    for (int c = 0; c < 4; ++c) {
+      const float w = grid.cell_width(c);
+      EXPECT_EQ(w, std::ldexp(2.0f / static_cast<float>(side), c));
+      for (int64_t cell = 0; cell < grid.cells(); ++cell) {
+        const Vec3 corner = grid.cell_corner(cell, c);
+        const float in = 0.001f * w, out = 0.999f * w;  // corners of 48 cells are rounded
+        ASSERT_EQ(grid.cell_of(corner + Vec3{in, in, in}, c), cell);
+        ASSERT_EQ(grid.cell_of(corner + Vec3{out, out, out}, c), cell);
+        if (side != 48) {
+          ASSERT_EQ(grid.cell_of(corner, c), cell);
+        }
+      }
     }
   }
 }
 
+TEST(Occupancy, SidesAreMultiplesOfSixteen) {
+  for (int side : {0, 8, 100, 528}) EXPECT_THROW(OccupancyGrid(1, side), std::logic_error);
+}
+
 TEST(Occupancy, CellsAreStoredBrickByBrick) {
+  const OccupancyGrid grid;
   for (int64_t brick : {0, 1, 31, 32, 1024, 32767}) {
-    const CellPlace first = place_of(brick * 64, 0);
+    const CellPlace first = place_of(grid, brick * 64, 0);
     EXPECT_EQ(first.x % 4 + first.y % 4 + first.z % 4, 0);
     std::set<std::array<int, 3>> seen;
     for (int64_t i = 0; i < 64; ++i) {
-      const CellPlace p = place_of(brick * 64 + i, 0);
+      const CellPlace p = place_of(grid, brick * 64 + i, 0);
       EXPECT_EQ(p.x / 4, first.x / 4);
       EXPECT_EQ(p.y / 4, first.y / 4);
       EXPECT_EQ(p.z / 4, first.z / 4);
@@ -49,7 +61,8 @@ TEST(Occupancy, CellsAreStoredBrickByBrick) {
 }
 
 TEST(Occupancy, PointsBeyondTheCascadeFallIntoItsOutermostCells) {
-  const CellPlace p = place_of(OccupancyGrid::cell_of({1.0f, -1.001f, 5.0f}, 0), 0);
+  const OccupancyGrid grid;
+  const CellPlace p = place_of(grid, grid.cell_of({1.0f, -1.001f, 5.0f}, 0), 0);
   EXPECT_EQ(p.x, kSide - 1);
   EXPECT_EQ(p.y, 0);
   EXPECT_EQ(p.z, kSide - 1);
@@ -126,8 +139,8 @@ void expect_consistent(const OccupancyGrid& grid) {
         occupied += level != 0;
       }
       if (mask == 0) continue;
-      const Vec3 corner = OccupancyGrid::cell_corner(brick * 64, c);
-      const float w = 4 * OccupancyGrid::cell_width(c);
+      const Vec3 corner = grid.cell_corner(brick * 64, c);
+      const float w = 4 * grid.cell_width(c);
       box.extend(corner.cast<double>());
       box.extend((corner + Vec3{w, w, w}).cast<double>());
     }
@@ -176,7 +189,13 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
       const float kind = random.uniform();
       a = kind < 0.1f ? -1.0f : kind < 0.12f ? random.uniform() : 0.03f * random.uniform();
     }
+    ThreadPool pool(2);
+    OccupancyGrid pooled(2);
+    std::copy(grid.training_state().begin(), grid.training_state().end(),
+              pooled.training_state().begin());
     grid.rebuild(threshold);
+    pooled.rebuild(threshold, &pool);
+    EXPECT_TRUE(std::ranges::equal(grid.levels(), pooled.levels()));
     double sum = 0;
     int64_t on = 0;
     for (float a : grid.training_state())
@@ -190,11 +209,11 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
         return by_place[static_cast<size_t>((z * kSide + y) * kSide + x)];
       };
       for (int64_t cell = 0; cell < kCells; ++cell) {
-        const CellPlace p = place_of(cell, c);
+        const CellPlace p = place_of(grid, cell, c);
         by_place[static_cast<size_t>((p.z * kSide + p.y) * kSide + p.x)] = grid.opacity(c, cell);
       }
       for (int64_t cell = 0; cell < kCells; ++cell) {
-        const CellPlace p = place_of(cell, c);
+        const CellPlace p = place_of(grid, cell, c);
         const float a = grid.opacity(c, cell);
         const bool beside_solid =
             a >= kSolid || at(p.x - 1, p.y, p.z) >= kSolid || at(p.x + 1, p.y, p.z) >= kSolid ||

@@ -79,9 +79,14 @@ struct Scene {
   std::string name;
   int cascades;
   Pattern pattern;
+  int side;
   OccupancyGrid grid;
-  Scene(std::string n, int c, Pattern p)
-      : name(std::move(n)), cascades(c), pattern(std::move(p)), grid(make_grid(c, pattern)) {}
+  Scene(std::string n, int c, Pattern p, int s = OccupancyGrid::kDefaultSide)
+      : name(std::move(n)),
+        cascades(c),
+        pattern(std::move(p)),
+        side(s),
+        grid(make_grid(c, pattern, s)) {}
 };
 
 uint64_t hash_of(const CellPlace& p) {
@@ -102,6 +107,10 @@ const std::vector<Scene>& scenes() {
       const CellPlace brick{p.cascade, p.x / 4, p.y / 4, p.z / 4};
       return hash_of(brick) % 16 == 0 && hash_of(p) % 3 ? 200 : 0;
     });
+    out.emplace_back(
+        "coarse", 3, [](const CellPlace& p) -> uint8_t { return hash_of(p) & 1 ? 100 : 0; }, 16);
+    out.emplace_back(
+        "fine", 1, [](const CellPlace& p) -> uint8_t { return hash_of(p) % 3 ? 0 : 40; }, 256);
     out.emplace_back("full_cascades", 3, [](const CellPlace&) -> uint8_t { return 5; });
     return out;
   }();
@@ -112,7 +121,8 @@ void march_and_compare(const Scene& scene, RaySampler& sampler, const Ray& ray,
                        const std::string& what, const Box3& clip = kEverywhere) {
   RaySamples samples;
   sampler.sample_all(ray, 1, samples);
-  const std::vector<Stretch> exact = brute_march(ray, clip, scene.cascades, scene.pattern);
+  const std::vector<Stretch> exact =
+      brute_march(ray, clip, scene.cascades, scene.pattern, scene.side);
   std::string wrong = difference(sampler, exact, exact);
   // Where a ray runs along a plane so closely that float can hardly tell the sides apart, matter on
   // either side is right.
@@ -123,7 +133,7 @@ void march_and_compare(const Scene& scene, RaySampler& sampler, const Ray& ray,
     for (double side : {-unseen, unseen}) {
       Ray beside = ray;
       beside.origin[i] += side;
-      const auto other = brute_march(beside, clip, scene.cascades, scene.pattern);
+      const auto other = brute_march(beside, clip, scene.cascades, scene.pattern, scene.side);
       most.insert(most.end(), other.begin(), other.end());
       least = intersection(least, other);
     }

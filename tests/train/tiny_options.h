@@ -12,6 +12,7 @@ inline TrainOptions tiny_options(int64_t steps) {
   o.rate = 0.01;
   o.grid.levels = 4;
   o.grid.log2_entries = 12;
+  o.grid.occupancy_side = 64;
   o.grid.base_resolution = 8;
   o.grid.finest_resolution = 64;
   o.grid.hidden = 16;

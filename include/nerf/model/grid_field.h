@@ -19,7 +19,7 @@
 namespace nerf {
 
 struct GridOptions {
-  int levels = 8;
+  int levels = 10;
   int log2_entries = 18;
   int base_resolution = 16;
   int finest_resolution = 2048;
@@ -27,6 +27,7 @@ struct GridOptions {
   int density_layers = 1;
   int colour_layers = 1;
   int geometry_features = 16;
+  int occupancy_side = 0;
   SamplerOptions sampler;
 
   template <class V>
@@ -45,6 +46,11 @@ struct GridOptions {
       at_most(8));
     v("geometry_features", geometry_features, "features handed from density to colour", at_least(2),
       at_most(256));
+    v("occupancy_side", occupancy_side,
+      "cells across each cascade of the occupancy grid, a multiple of 16; 0: 256 where the scene "
+      "has "
+      "bounds, else 128",
+      at_least(0), at_most(OccupancyGrid::kMostSide));
     v("max_samples", sampler.max_samples, "most network samples of a ray", at_least(2),
       at_most(240));
     v("min_samples", sampler.min_samples, "fewest network samples of a ray that meets matter",
@@ -59,6 +65,10 @@ struct GridOptions {
       at_least(0), at_most(1));
   }
 };
+
+// Cells across each cascade of the occupancy grid: what the options say, or the default. Throws
+// Error for a number that is no multiple of 16.
+int occupancy_side(const GridOptions& options, bool unbounded);
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField {

@@ -1,55 +1,64 @@
-// Occupancy with a memory of density: cascades of 128^3 cells, each remembering how opaque it is.
+// Occupancy with a memory of density: cascades of side^3 cells, each remembering how opaque it is.
 //
-// Cascade c covers [-2^c, 2^c]^3 in engine coordinates with cells 2^c / 64 wide; a point belongs to
-// the finest cascade that holds it. A cell's opacity is the mean of 1 - exp(-density * width) at
-// random points in it: the share of light that one cell width of its matter stops. Cells whose
-// opacity stays under a threshold are empty and skipped; the others give rays a coarse distribution
-// of where matter is without asking the network.
+// Cascade c covers [-2^c, 2^c]^3 in engine coordinates with cells 2^(c+1) / side wide; a point
+// belongs to the finest cascade that holds it. A cell's opacity is the mean of 1 - exp(-density *
+// width) at random points in it: the share of light that one cell width of its matter stops. Cells
+// whose opacity stays under a threshold are empty and skipped; the others give rays a coarse
+// distribution of where matter is without asking the network.
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "nerf/base/aligned.h"
+#include "nerf/base/threads.h"
 #include "nerf/math/vec.h"
 
 namespace nerf {
 
 class OccupancyGrid {
  public:
-  static constexpr int kSide = 128;          // cells per axis
-  static constexpr int kBricks = kSide / 4;  // bricks of 4^3 cells per axis: one 64-bit mask
-  static constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
+  static constexpr int kDefaultSide = 128;
 
-  explicit OccupancyGrid(int cascades = 1);
+  // `side`, the cells per axis of each cascade, is a multiple of 16 in [16, kMostSide].
+  static constexpr int kMostSide = 512;
+  explicit OccupancyGrid(int cascades = 1, int side = kDefaultSide);
 
   int cascades() const { return cascades_; }
-  static float cell_width(int cascade) { return static_cast<float>(1 << cascade) / (kSide / 2); }
+  int side() const { return side_; }
+  // Bricks of 4^3 cells per axis: the occupancy of one is a 64-bit mask.
+  int bricks() const { return side_ / 4; }
+  int64_t cells() const { return int64_t{side_} * side_ * side_; }  // of one cascade
+  float cell_width(int cascade) const {
+    return std::ldexp(2.0f / static_cast<float>(side_), cascade);
+  }
 
   // Finest cascade that holds p; cascades() where none does.
   int cascade_of(const Vec3& p) const;
   // Cell of p, which cascade c must hold. Cells are stored brick by brick.
-  static int64_t cell_of(const Vec3& p, int cascade);
-  static Vec3 cell_corner(int64_t cell, int cascade);  // its least corner
+  int64_t cell_of(const Vec3& p, int cascade) const;
+  Vec3 cell_corner(int64_t cell, int cascade) const;  // its least corner
 
   // Training state. A cell that is off is never refreshed: no camera sees it.
-  void switch_off(int cascade, int64_t cell) { opacity_[index(cascade, cell)] = -1.0f; }
+  void switch_off(int cascade, int64_t cell) { opacity_[index(cascade, cell)] = kOff; }
   bool is_off(int cascade, int64_t cell) const { return opacity_[index(cascade, cell)] < 0; }
   float opacity(int cascade, int64_t cell) const { return opacity_[index(cascade, cell)]; }
 
-  // Takes in the opacity seen at one random point of a cell: quickly upwards, slowly downwards, so
+  // Takes in the opacity seen at one random point of a cell: a running mean over its points, so
   // that matter which fills little of a cell is not lost between two hits.
   void observe(int cascade, int64_t cell, float seen);
 
   // Rebuilds the quantised opacities and brick masks that rays are marched through: empty are cells
   // below min(threshold, mean opacity of those switched on), except the neighbours of solid ones.
-  void rebuild(float threshold);
+  // The same bits with and without a pool.
+  void rebuild(float threshold, ThreadPool* pool = nullptr);
 
   // As of the last rebuild.
   uint64_t brick_mask(int cascade, int64_t brick) const {
-    return masks_[static_cast<size_t>(cascade * kBricks * kBricks * kBricks + brick)];
+    return masks_[static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick)];
   }
   // Optical thickness of one cell width, > 0 for occupied cells.
   float thickness(int cascade, int64_t cell) const {
@@ -66,16 +75,19 @@ class OccupancyGrid {
   void set_levels(std::span<const uint8_t> levels);
 
  private:
-  static size_t index(int cascade, int64_t cell) {
-    return static_cast<size_t>(cascade) * static_cast<size_t>(kCells) + static_cast<size_t>(cell);
+  static constexpr float kOff = -1;
+  size_t index(int cascade, int64_t cell) const {
+    return static_cast<size_t>(cascade) * static_cast<size_t>(cells()) + static_cast<size_t>(cell);
   }
-  void keep_neighbours_of_solid();
-  void build_masks();
+  size_t bricks_of_cascade() const { return static_cast<size_t>(cells() / 64); }
+  bool brick_is_off(size_t brick) const;
+  void keep_neighbours_of_solid(size_t brick);
+  void measure_occupied();
 
-  int cascades_;
+  int cascades_, side_;
   AlignedArray<float> opacity_;
   AlignedArray<uint8_t> levels_;  // 0 = empty; else opacity = (level / 255)^2
-  std::vector<uint64_t> masks_;
+  std::vector<uint64_t> masks_, solid_;
   std::array<float, 256> thickness_of_level_;
   double occupied_fraction_ = 1;
   Box3 occupied_box_;

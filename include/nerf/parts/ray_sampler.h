@@ -22,7 +22,7 @@ struct Ray {
 struct SamplerOptions {
   int max_samples = 32;           // per ray
   int min_samples = 2;            // of a ray that meets any matter
-  float samples_per_cell = 1.5f;  // of the effective number of cells that a ray's light comes from
+  float samples_per_cell = 1.0f;  // of the effective number of cells that a ray's light comes from
   float uniform_share = 1.0f;     // drawn over all occupied cells, whatever the cache says
   float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
 };
