@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <memory>
 #include <new>
 
@@ -66,6 +67,8 @@ int run_main(const std::string& program, const std::function<int()>& body) {
     return fail(name, one_line(error.what()).c_str(), kExitUser);
   } catch (const Cancelled&) {
     return fail(name, "stopped", signal_number ? 128 + signal_number : kExitBug);
+  } catch (const std::filesystem::filesystem_error& error) {
+    return fail(name, one_line(error.what()).c_str(), kExitUser);
   } catch (const std::bad_alloc&) {
     return fail(name, "out of memory (use smaller images, --downscale or --size, or more memory)",
                 kExitBug);

@@ -27,7 +27,7 @@ void check_video(const std::filesystem::path& mp4) {
 }
 
 void make_video(const RenderCommand& command, const RenderedFiles& files, double fps,
-               const Cancel& cancel) {
+                const Cancel& cancel) {
   Progress progress("encoding");
   VideoOptions video;
   video.frames_per_second = fps;
@@ -49,8 +49,8 @@ int render_main(int argc, char** argv) {
   const RadianceField field = RadianceField::load(model);
   const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes());
   for (const std::string& note : plan.notes) log_warning(note);
-  make_writable_folder(command.out);
   if (!command.mp4.empty()) check_video(command.mp4);
+  make_writable_folder(command.out);
 
   RenderOptions options;
   options.background = command.background;

@@ -40,15 +40,16 @@ void complete(TrainCommand& command, const std::set<std::string>& given, const R
   if (!command.minutes && command.train.steps == 0) command.minutes = kDefaultMinutes;
 }
 
-Scene read_scene(const TrainCommand& command, const SignalCancel& stop) {
-  Scene scene = load_scene(command.scene, command.scene_options(), [&](const std::string& line) {
+Scene read_scene(const TrainCommand& command, const ThreadPool& pool, const SignalCancel& stop) {
+  const auto progress = [&](const std::string& line) {
     throw_if_stopped(stop);
     log_info(line);
-  });
+  };
+  Scene scene = load_scene(command.scene, command.scene_options(), progress, &stop.cancel());
   throw_if_stopped(stop);
   // The scene's estimate is that of the default options.
-  const uint64_t own = training_memory_bytes(command.train, command.threads);
-  const uint64_t usual = training_memory_bytes(TrainOptions(), command.threads);
+  const uint64_t own = training_memory_bytes(command.train, pool.size());
+  const uint64_t usual = training_memory_bytes(TrainOptions(), pool.size());
   if (own > usual) scene.report.memory_estimate_bytes += own - usual;
   log_lines(format_report(scene.report));
   const uint64_t needed = scene.report.memory_estimate_bytes;
@@ -104,6 +105,7 @@ class Training {
     callbacks.planned = [&](int64_t steps) { on_plan(steps); };
     callbacks.went_back = [&](const std::string& reason, int64_t step) {
       progress_.clear();
+      metrics_.reset();  // opened anew without the steps that are taken again
       log_warning(fmt::format(
           "{}; going back to step {} with other random numbers and half the rate", reason, step));
     };
@@ -124,8 +126,10 @@ class Training {
       folder_.clear();
       TrainCommand saved = command_;
       saved.resume = saved.overwrite = false;
+      saved.scene = std::filesystem::absolute(saved.scene);  // --resume may run from elsewhere
       write_file_atomically(folder_.options(), options_to_json(saved));
     }
+    if (!scene_.test.empty()) make_writable_folder(folder_.pictures());
     return resume;
   }
 
@@ -226,8 +230,9 @@ int train_main(int argc, char** argv) {
   if (command.out.empty()) command.out = default_run_folder(command.scene);
   RunFolder folder(command.out, command.resume, command.overwrite);
   complete(command, line.given, folder);
-  const Scene scene = read_scene(command, stop);
+  Scene scene = read_scene(command, pool, stop);
   const PhotoSet photos = decode(scene, pool, stop);
+  scene.report.fraction_masked = photos.fraction_masked;
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();
 }

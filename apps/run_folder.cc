@@ -30,7 +30,8 @@ RunFolder::RunFolder(fs::path path, bool resume, bool overwrite) : path_(std::mo
   if (resume && !has_checkpoint() && !fs::exists(options(), ignored))
     throw Error("there is no run to resume in this folder", shown,
                 "leave --resume out to begin one, or name the right folder with -o");
-  if (!resume && !overwrite && (has_checkpoint() || fs::exists(result(), ignored)))
+  if (!resume && !overwrite &&
+      (has_checkpoint() || fs::exists(result(), ignored) || fs::exists(model(), ignored)))
     throw Error("this folder holds a run", shown,
                 "--resume goes on with it, --overwrite begins anew, -o names another folder");
   for (fs::path p = fs::absolute(path_).lexically_normal(); !p.empty() && !fs::exists(p, ignored);

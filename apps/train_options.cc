@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <nlohmann/json.hpp>
 
 namespace nerf::apps {
 namespace {
@@ -23,6 +24,15 @@ bool is_of_this_part(const OptionField& field) {
   return std::find(kOwn.begin(), kOwn.end(), field.name) != kOwn.end();
 }
 
+bool is_utf8(const std::string& text) {
+  try {
+    nlohmann::json(text).dump();
+  } catch (const nlohmann::json::type_error&) {
+    return false;
+  }
+  return true;
+}
+
 // As a shell reads it.
 std::string quoted(const std::string& text) {
   const auto plain = [](unsigned char c) {
@@ -38,12 +48,23 @@ std::string quoted(const std::string& text) {
 }  // namespace
 
 void TrainCommand::check_options() const {
+  // Both are written to JSON, which knows no other encoding.
+  for (const fs::path* path : {&scene, &out})
+    if (!is_utf8(path->string()))
+      throw Error("the name is not UTF-8", path->string(), "rename the folder, or link to it");
   if (scene.empty() && !resume)
     throw Error("SCENE is missing", "", "give the folder of a capture; --help says more");
   if (scene.empty() && out.empty())
     throw Error("--resume needs to know which run", "", "give SCENE or -o RUN");
   if (minutes && train.steps > 0 && !resume)
     throw Error("--minutes and --steps exclude each other", "", "leave one of them out");
+  if (holdout == Holdout::kNone && split == SplitChoice::kDev)
+    throw Error("--split dev and --holdout none exclude each other", "", "leave one of them out");
+  const SamplerOptions& sampler = train.grid.sampler;
+  if (sampler.min_samples > sampler.max_samples)
+    throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
+                    std::to_string(sampler.max_samples),
+                "--grid-min-samples", "give at most as many");
   if (resume && overwrite)
     throw Error("--resume and --overwrite exclude each other", "", "leave one of them out");
 }
@@ -59,6 +80,7 @@ SceneOptions TrainCommand::scene_options() const {
   o.up = up;
   o.camera_model = camera_model;
   o.work_folder = out / "capture";
+  o.run_folder = out;
   return o;
 }
 
@@ -111,6 +133,8 @@ std::string equivalent_command(const TrainCommand& command, int64_t steps) {
     else
       line += " " + option_flag(field) + " " + quoted(value);
   }
+  // The run's own folder holds a run by then.
+  if (!copy.out.empty()) line += " -o " + quoted(copy.out.string() + "_again");
   return line + " --steps " + std::to_string(steps);
 }
 

@@ -42,13 +42,26 @@ bool lies_below(const fs::path& path, const fs::path& folder) {
   return !relative.empty() && *relative.begin() != "..";
 }
 
-Photos look_at_photos(const fs::path& folder, const fs::path& work_folder) {
+// Folders below the photos' own that hold a run's pictures instead of photos. The frames of a video
+// lie in the work folder themselves.
+std::vector<fs::path> not_photos(const fs::path& folder, const CaptureFolders& run) {
+  std::vector<fs::path> out;
+  if (!lies_below(folder, run.work)) out.push_back(run.work);
+  if (run.run.empty()) return out;
+  if (!lies_below(folder, run.run))
+    out.push_back(run.run);
+  else if (!lies_below(folder, run.work))
+    out.push_back(run.run / "eval");
+  return out;
+}
+
+Photos look_at_photos(const fs::path& folder, const CaptureFolders& run) {
   Photos photos{fs::absolute(folder), {}, true};
+  const std::vector<fs::path> excluded = not_photos(folder, run);
   std::map<fs::path, std::pair<int, int>> size_of;
   for (const std::string& name : internal::list_images(folder)) {
     const fs::path path = folder / name;
-    // Where the run's folder is inside the photos' one, its pictures are no photos.
-    if (lies_below(path, work_folder)) continue;
+    if (std::ranges::any_of(excluded, [&](const auto& e) { return lies_below(path, e); })) continue;
     check_image_complete(path);
     const ImageInfo info = read_image_info(path);
     const auto [it, is_new] =
@@ -225,11 +238,12 @@ void link_or_copy(const fs::path& photos, const fs::path& link) {
 
 }  // namespace
 
-fs::path run_colmap_on_photos(const fs::path& images, const fs::path& work_folder,
+fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& folders,
                               const std::string& camera_model, const Progress& progress,
                               const Cancel* cancel) {
+  const fs::path& work_folder = folders.work;
   const fs::path result = work_folder / "colmap";
-  const Photos photos = look_at_photos(images, work_folder);
+  const Photos photos = look_at_photos(images, folders);
   const std::string key = key_of(photos, camera_model);
   if (internal::StagedFolder::is_complete(result, key)) {
     if (progress) progress("colmap: using the model made earlier in " + result.string());

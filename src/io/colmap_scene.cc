@@ -46,25 +46,27 @@ fs::path find_image(const fs::path& folder, const std::string& name) {
   return {};
 }
 
-// The folder that image names are relative to: `images` if it holds any of the model's images, else
-// the smallest divisor that does, else the scene's folder itself (names such as "images/a.jpg").
+// The folder that image names are relative to: the one that holds most of the model's images; of
+// equals `images`, then the smallest divisor, then the scene's folder itself (names such as
+// "images/a.jpg").
 fs::path choose_image_folder(const fs::path& root, const ColmapModel& model, SceneInput& input) {
   const std::array<fs::path, 5> candidates{root / "images", root / "images_2", root / "images_4",
                                            root / "images_8", root};
   fs::path chosen;
+  std::ptrdiff_t most = 0;
   for (const fs::path& folder : candidates) {
     if (!is_folder(folder)) continue;
-    const bool used =
-        chosen.empty() &&
-        std::any_of(model.images.begin(), model.images.end(), [&](const ColmapImage& image) {
-          return !find_image(folder, image.name).empty();
-        });
-    if (used) {
+    const auto found = std::count_if(
+        model.images.begin(), model.images.end(),
+        [&](const ColmapImage& image) { return !find_image(folder, image.name).empty(); });
+    if (found > most) {
       chosen = folder;
-    } else if (folder != root) {
-      input.ignored.push_back(folder.filename().string() + "/");
+      most = found;
     }
   }
+  for (const fs::path& folder : candidates)
+    if (folder != root && folder != chosen && is_folder(folder))
+      input.ignored.push_back(folder.filename().string() + "/");
   if (!chosen.empty()) return chosen;
   throw Error(
       fmt::format("none of the model's {} images was found", model.images.size()), root.string(),

@@ -112,8 +112,9 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
                 photos.string(), "put the photos into images/ beside masks/");
   }
-  SceneInput input = read_colmap_scene(run_colmap_on_photos(
-      photos, work_folder(run.options), run.options.camera_model, run.progress, run.cancel));
+  SceneInput input = read_colmap_scene(
+      run_colmap_on_photos(photos, {work_folder(run.options), run.options.run_folder},
+                           run.options.camera_model, run.progress, run.cancel));
   input.format = "photos, " + input.format;
   input.mask_folders = {mask_root / "masks"};
   return input;
@@ -166,11 +167,14 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
     case SceneFormat::kPhotos:
       return read_photos(photo_folder(path), path, run);
     case SceneFormat::kVideo: {
-      const fs::path video = folder ? videos_in(path).front() : path;
+      const std::vector<fs::path> videos = folder ? videos_in(path) : std::vector{path};
+      const fs::path& video = videos.front();
       const fs::path frames = extract_video_frames(video, work_folder(run.options), kMaxVideoFrames,
                                                    run.progress, run.cancel);
       SceneInput input = read_photos(frames, frames.parent_path(), run);
       input.format = "video " + video.filename().string() + ", " + input.format;
+      for (size_t i = 1; i < videos.size(); ++i)
+        input.ignored.push_back(videos[i].filename().string());
       return input;
     }
     case SceneFormat::kAuto:

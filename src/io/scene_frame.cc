@@ -259,7 +259,8 @@ void choose_frame(const SceneInput& input, Scene& scene) {
                     corner & 4 ? box.max.z : box.min.z};
       region.radius = std::max(region.radius, max_abs(rotation * c - region.center));
     }
-    scene.unbounded = false;
+    // Opaque photos show what is beyond the box too, and it must have a place to be.
+    scene.unbounded = !scene.alpha;
   } else if (scene.alpha) {
     region =
         bounded_region(scene, level, focus.value_or(unbounded_region(level, std::nullopt).center));

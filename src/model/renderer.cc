@@ -23,19 +23,34 @@ struct PixelState {
   float forward = 1;  // cosine between ray and optical axis
 };
 
+// The box of the options: its axes are the input's, its unit and origin the engine's.
+struct ObliqueBox {
+  Mat3d to_box;
+  Box3 box;
+};
+
+std::optional<ObliqueBox> oblique_box(const Similarity& to_engine, const std::optional<Box3>& box) {
+  if (!box) return std::nullopt;
+  ObliqueBox out{to_engine.rotation.transposed(), {}};
+  for (const Vec3d& corner : {box->min, box->max})
+    out.box.extend(out.to_box * to_engine.apply(corner));
+  return out;
+}
+
 // One thread's renderer of tiles.
 class TileRenderer {
  public:
   TileRenderer(const GridField& field, const Camera& camera, const Pose& pose, double near,
-               const RenderOptions& options, const Box3& clip)
+               const RenderOptions& options, const std::optional<ObliqueBox>& box)
       : field_(field),
         camera_(camera),
         pose_(pose),
         near_(near),
         options_(options),
+        box_(box),
         tape_(field, /*training=*/false),
         chunk_(tape_.tape),
-        sampler_(field.occupancy, sampler_options(field, options), clip) {
+        sampler_(field.occupancy, sampler_options(field, options), field.clip) {
     chunk_.weights = field.weights.data();
     t_.resize(kChunkSamples);
     ray_begin_.resize(kChunkRays + 1);
@@ -59,6 +74,14 @@ class TileRenderer {
     return s;
   }
 
+  // Cuts the ray to the options' box, which stands oblique to the engine's axes; false where it
+  // misses the box. A rotation keeps distances, so t is the same in both frames.
+  bool inside_box(Ray& ray) const {
+    if (!box_) return true;
+    const Ray in_input{box_->to_box * ray.origin, box_->to_box * ray.direction};
+    return clip_to_box(in_input, box_->box, ray.near, ray.far);
+  }
+
   void render_pixel(int x, int y) {
     PixelState state;
     state.pixel = y * camera_.width + x;
@@ -72,6 +95,10 @@ class TileRenderer {
     ray.origin = pose_.translation;
     ray.direction = pose_.rotation * in_camera;
     ray.near = near_;
+    if (!inside_box(ray)) {
+      finish(state);
+      return;
+    }
     const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
                                          : sampler_.sample(ray, nullptr, true, samples_);
     if (count == 0) {
@@ -171,6 +198,7 @@ class TileRenderer {
   const Pose& pose_;
   double near_;
   const RenderOptions& options_;
+  std::optional<ObliqueBox> box_;
   GridTape tape_;
   Chunk chunk_;
   RaySampler sampler_;
@@ -185,23 +213,6 @@ class TileRenderer {
   double unit_ = 1;
 };
 
-// The box of the options, given in input coordinates, as the axis-aligned box in engine coordinates
-// around it, cut by the field's own.
-Box3 engine_clip(const GridField& field, const Similarity& to_engine,
-                 const std::optional<Box3>& bbox) {
-  if (!bbox) return field.clip;
-  Box3 box;
-  for (int corner = 0; corner < 8; ++corner)
-    box.extend(to_engine.apply(Vec3d{corner & 1 ? bbox->max.x : bbox->min.x,
-                                     corner & 2 ? bbox->max.y : bbox->min.y,
-                                     corner & 4 ? bbox->max.z : bbox->min.z}));
-  for (int i = 0; i < 3; ++i) {
-    box.min[i] = std::max(box.min[i], field.clip.min[i]);
-    box.max[i] = std::min(box.max[i], field.clip.max[i]);
-  }
-  return box;
-}
-
 }  // namespace
 
 Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
@@ -211,7 +222,7 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const ModelInfo& info = radiance.info();
   NERF_CHECK(camera.width > 0 && camera.height > 0);
   const Pose pose = info.to_engine.apply(camera_to_world);
-  const Box3 clip = engine_clip(field, info.to_engine, options.bbox);
+  const auto box = oblique_box(info.to_engine, options.bbox);
   const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
   Frame frame{camera.width, camera.height, std::vector<float>(3 * pixels),
               std::vector<float>(pixels), std::vector<float>(pixels)};
@@ -226,7 +237,7 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
     if (cancel && cancel->requested()) throw Cancelled();
     auto& renderer = renderers[static_cast<size_t>(thread)];
     if (!renderer)
-      renderer = std::make_unique<TileRenderer>(field, camera, pose, info.near, options, clip);
+      renderer = std::make_unique<TileRenderer>(field, camera, pose, info.near, options, box);
     const int x = static_cast<int>(tile % columns) * kTile;
     const int y = static_cast<int>(tile / columns) * kTile;
     renderer->render_tile(x, y, std::min(x + kTile, camera.width),

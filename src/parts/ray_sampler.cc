@@ -5,9 +5,6 @@
 
 namespace nerf {
 
-namespace {
-
-// Entry and exit of a ray through a box; false where it misses.
 bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1) {
   for (int i = 0; i < 3; ++i) {
     const double d = ray.direction[i];
@@ -22,8 +19,6 @@ bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1) {
   }
   return t0 < t1;
 }
-
-}  // namespace
 
 RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options, const Box3& clip)
     : grid_(grid), options_(options), clip_(clip) {

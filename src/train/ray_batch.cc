@@ -19,6 +19,13 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     poses_.push_back(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose));
   }
   if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
+  const auto keeps_any = [&](int v) {
+    const Photo& photo = photos.photos[static_cast<size_t>(v)];
+    return photo.mask.empty() || std::ranges::any_of(photo.mask, [](uint8_t m) { return m != 0; });
+  };
+  if (std::ranges::none_of(views_, keeps_any))
+    throw Error("the masks leave no pixel to train on", scene.root.string(),
+                "values of 128 and more keep a pixel: are the masks inverted?");
 }
 
 bool PixelSource::draw(Random& random, Pixel& out) const {

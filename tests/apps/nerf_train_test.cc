@@ -166,11 +166,10 @@ TEST_F(NerfTrain, MinutesNameTheStepsThatRepeatThem) {
       result.err.substr(at + lead.size(), result.err.find('\n', at) - at - lead.size()));
   Arguments again;
   for (std::string word; command >> word;) again.push_back(word);
-  again.insert(again.end(), {"-o", run_folder("again")});
   EXPECT_EQ(std::count(again.begin(), again.end(), "--minutes"), 0);
   const ProgramResult repeated = train(again);
   ASSERT_EQ(repeated.exit_code, 0) << repeated.err;
-  EXPECT_TRUE(model() == model("again"));
+  EXPECT_TRUE(model() == model("run_again"));
 }
 
 TEST_F(NerfTrain, KilledAndResumedIsTheSameRun) {

@@ -2,10 +2,18 @@
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
+#include <vector>
 
+#include "nerf/base/cancel.h"
 #include "nerf/base/error.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
 #include "nerf/math/camera.h"
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+#include "nerf/train/trainer.h"
 
 namespace {
 
@@ -46,6 +54,56 @@ void use_scene(const char* folder) {
   std::printf("%zu views, %zu points\n", scene.views.size(), scene.points.size());
 }
 
+// Two trainers side by side, stopped by a callback and by a cancel; the field is asked, rendered,
+// saved and loaded. A few steps: what was learnt is not looked at.
+void use_training(const char* folder) {
+  nerf::ThreadPool pool;
+  nerf::SceneOptions load;
+  load.downscale = 8;
+  const nerf::Scene scene = nerf::load_scene(folder, load);
+  const nerf::PhotoSet photos = nerf::load_photos(scene, pool);
+  nerf::TrainOptions options;
+  options.steps = 20;
+  options.batch_samples = 2400;
+  options.grid.levels = 4;
+  options.grid.log2_entries = 12;
+  options.grid.hidden = 16;
+  nerf::Trainer trainer(scene, photos, options, pool), other(scene, photos, options, pool);
+  trainer.run([](const nerf::StepReport& report) { return report.step < 5; });
+  expect(trainer.steps_done() == 5, "the callback stops a training");
+  nerf::Cancel cancel;
+  other.run(
+      [&](const nerf::StepReport& report) {
+        if (report.step == 3) cancel.request();
+        return true;
+      },
+      &cancel);
+  expect(other.steps_done() == 3, "a cancel stops a training");
+  trainer.run({});
+  expect(trainer.steps_done() == options.steps, "a training goes on where it was stopped");
+
+  const nerf::RadianceField field = trainer.snapshot();
+  const auto view = static_cast<std::size_t>(scene.test.front());
+  const nerf::Pose& pose = scene.views[view].pose;
+  const nerf::Camera& camera = photos.cameras[view];
+  const nerf::Frame frame = nerf::render(field, camera, pose, {}, pool);
+  const auto pixels = static_cast<std::size_t>(camera.width * camera.height);
+  expect(frame.rgb.size() == 3 * pixels && frame.depth_z.size() == pixels, "a frame's size");
+  for (const float v : frame.rgb) expect(v >= 0 && v <= 1, "colours lie in [0, 1]");
+
+  const std::vector<nerf::Vec3d> points(3, pose.translation + pose.rotation.column(2));
+  const std::vector<nerf::Vec3d> directions(3, pose.rotation.column(2));
+  std::vector<float> density(3), rgb(9);
+  field.query(points, directions, density, rgb, pool);
+  expect(density[0] >= 0 && density[0] == density[2], "equal points have equal densities");
+
+  const auto file = std::filesystem::temp_directory_path() / "nerf_consumer.nerf";
+  field.save(file);
+  const nerf::RadianceField loaded = nerf::RadianceField::load(file);
+  std::filesystem::remove(file);
+  expect(loaded.info().views.size() == scene.views.size(), "a model knows its views");
+}
+
 // The library's exceptions cross its border.
 void use_errors() {
   try {
@@ -67,6 +125,7 @@ int main(int argc, char** argv) {
   try {
     use_cameras();
     use_scene(argv[1]);
+    use_training(argv[1]);
     use_errors();
   } catch (const std::exception& e) {
     std::fprintf(stderr, "%s\n", e.what());

@@ -85,7 +85,7 @@ class CaptureTools : public ::testing::Test {
   fs::path run(const Cancel* cancel = nullptr) {
     lines_.clear();
     return run_colmap_on_photos(
-        folder_ / "photos", folder_ / "work", "SIMPLE_RADIAL",
+        folder_ / "photos", {folder_ / "work", folder_ / "run"}, "SIMPLE_RADIAL",
         [this](const std::string& line) { lines_.push_back(line); }, cancel);
   }
   std::string log() const { return read_text_file(folder_ / "log"); }
@@ -158,9 +158,29 @@ TEST_F(CaptureTools, PicturesOfTheRunInsideThePhotosFolderAreNoPhotos) {
   const fs::path work = folder_ / "photos" / "run";
   fs::create_directories(work);
   make_image(work / "side_by_side.png", {32, 24, 3, OIIO::TypeDesc::UINT8, {}}, texture);
-  const fs::path model = run_colmap_on_photos(folder_ / "photos", work, "OPENCV", {});
+  const fs::path model = run_colmap_on_photos(folder_ / "photos", {work, {}}, "OPENCV", {});
   EXPECT_EQ(read_text_file(folder_ / "log.list"), "p0.jpg\np1.jpg\np2.jpg\n");
   EXPECT_TRUE(fs::exists(model / "sparse" / "0"));
+}
+
+// The layout of nerf_train run from inside the photos' folder: RUN/capture and RUN/eval.
+TEST_F(CaptureTools, TheWholeRunInsideThePhotosFolderIsNoPhotos) {
+  const fs::path run = folder_ / "photos" / "runs" / "garden";
+  for (const char* name : {"eval/a.png", "orbit/b.png"}) {
+    fs::create_directories((run / name).parent_path());
+    make_image(run / name, {32, 24, 3, OIIO::TypeDesc::UINT8, {}}, texture);
+  }
+  run_colmap_on_photos(folder_ / "photos", {run / "capture", run}, "OPENCV", {});
+  EXPECT_EQ(read_text_file(folder_ / "log.list"), "p0.jpg\np1.jpg\np2.jpg\n");
+}
+
+// A video's frames lie below the work folder.
+TEST_F(CaptureTools, FramesInTheWorkFolderArePhotos) {
+  const fs::path run = folder_ / "run", work = run / "capture";
+  fs::create_directories(work);
+  fs::rename(folder_ / "photos", work / "frames");
+  run_colmap_on_photos(work / "frames", {work, run}, "OPENCV", {});
+  EXPECT_EQ(read_text_file(folder_ / "log.list"), "p0.jpg\np1.jpg\np2.jpg\n");
 }
 
 TEST_F(CaptureTools, FailureOfAnyStepIsAnErrorAndLeavesNothing) {
@@ -185,7 +205,7 @@ TEST_F(CaptureTools, CancelStopsColmapAndLeavesNothing) {
   set("STANDIN_HANGS_AT", "feature_extractor");
   Cancel cancel;
   EXPECT_THROW(run_colmap_on_photos(
-                   folder_ / "photos", folder_ / "work", "SIMPLE_RADIAL",
+                   folder_ / "photos", {folder_ / "work", folder_ / "run"}, "SIMPLE_RADIAL",
                    [&](const std::string& line) {
                      if (line.find("features") != std::string::npos) cancel.request();
                    },
@@ -241,7 +261,7 @@ TEST(RealColmap, PlacesPhotosOfAMadeUpRoom) {
   }
   std::vector<std::string> lines;
   const fs::path model =
-      run_colmap_on_photos(folder / "photos", folder / "work", "SIMPLE_PINHOLE",
+      run_colmap_on_photos(folder / "photos", {folder / "work", {}}, "SIMPLE_PINHOLE",
                            [&](const std::string& line) { lines.push_back(line); });
   for (const char* file : {"cameras.bin", "images.bin", "points3D.bin"}) {
     EXPECT_TRUE(fs::is_regular_file(model / "sparse" / "0" / file)) << file;

@@ -45,6 +45,18 @@ RunOptions quiet() {
   return options;
 }
 
+TEST(Run, MasksThatLeaveNothingAreAnError) {
+  auto c = sphere_capture();
+  for (Photo& p : c.photos.photos)
+    p.mask.assign(static_cast<size_t>(p.width) * static_cast<size_t>(p.height), 0);
+  ThreadPool pool(1);
+  EXPECT_TRUE(contains(error_of([&] { Trainer(c.scene, c.photos, tiny_options(20), pool); }),
+                       "leave no pixel"));
+  Photo& one = c.photos.photos[static_cast<size_t>(c.scene.train.back())];
+  one.mask[5] = 255;
+  EXPECT_NO_THROW(Trainer(c.scene, c.photos, tiny_options(20), pool));
+}
+
 TEST(Run, TrainsToTheEndEvaluatesAndSaves) {
   const auto c = sphere_capture();
   test::TempFolder folder;

@@ -9,8 +9,14 @@
 
 namespace nerf {
 
+// Where photos' cameras and a video's frames are worked out.
+struct CaptureFolders {
+  std::filesystem::path work;  // everything is written below it
+  std::filesystem::path run;   // the run's folder: pictures below it are no photos; empty: none
+};
+
 // Runs the installed colmap on the CPU over a folder of photos (sub-folders included).
-// `camera_model` is COLMAP's name of a model. Everything is written below work_folder, nothing
+// `camera_model` is COLMAP's name of a model. Everything is written below folders.work, nothing
 // beside the photos. Returns a folder that load_scene reads: images/ (a link to the photos) and
 // sparse/0. A model that an earlier call finished for the same photos is used again; what fails or
 // is stopped leaves nothing. `progress` gets lines for a person. Every pair is matched up to 150
@@ -18,7 +24,7 @@ namespace nerf {
 // Throws Error: colmap not installed (with the command that installs it), a truncated photo, colmap
 // failed, no model. Throws Cancelled after cancel->request().
 std::filesystem::path run_colmap_on_photos(const std::filesystem::path& images,
-                                           const std::filesystem::path& work_folder,
+                                           const CaptureFolders& folders,
                                            const std::string& camera_model,
                                            const std::function<void(const std::string&)>& progress,
                                            const Cancel* cancel = nullptr);

@@ -45,6 +45,7 @@ struct SceneOptions {
   std::optional<Vec3d> up;                  // input coordinates; overrides the estimate
   std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
   std::filesystem::path work_folder;        // where photos and video put frames and the model
+  std::filesystem::path run_folder;         // pictures below it are no photos; empty: none
 };
 
 // What a person wants to know before training starts.

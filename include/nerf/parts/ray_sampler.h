@@ -19,6 +19,9 @@ struct Ray {
   double near = 0, far = 1e30;  // samples only in between
 };
 
+// Narrows [t0, t1] to the ray's passage through a box; false where it misses.
+bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1);
+
 struct SamplerOptions {
   int max_samples = 32;           // per ray
   int min_samples = 2;            // of a ray that meets any matter
