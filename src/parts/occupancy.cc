@@ -123,10 +123,12 @@ void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
 
   std::vector<double> sums(items);
   std::vector<int64_t> counts(items);
+  std::vector<uint8_t> off(masks_.size());
   each_item([&](size_t item, size_t first, size_t last) {
     for (size_t b = first; b < last; ++b) {
       solid_[b] = 0;
-      if (brick_is_off(b)) continue;
+      off[b] = brick_is_off(b);
+      if (off[b]) continue;
       float sum = 0;
       int64_t on = 0;
       for (size_t i = 0; i < 64; ++i) {
@@ -152,7 +154,7 @@ void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
     for (size_t b = first; b < last; ++b) {
       uint8_t* levels = levels_.data() + b * 64;
       masks_[b] = 0;
-      if (brick_is_off(b)) {
+      if (off[b]) {
         std::fill_n(levels, 64, uint8_t{0});
         continue;
       }

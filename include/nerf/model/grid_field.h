@@ -25,7 +25,7 @@ struct GridOptions {
   int finest_resolution = 2048;
   int hidden = 64;
   int density_layers = 1;
-  int colour_layers = 1;
+  int colour_layers = 2;
   int geometry_features = 16;
   int occupancy_side = 0;
   SamplerOptions sampler;
