@@ -35,12 +35,17 @@ class SpeedMeter {
   }
 
   // Mean of the later half of all steps so far: the first ones see an occupancy that is not cleared
-  // yet, and cold caches.
+  // yet, and cold caches. The few longest are left out: they refreshed the whole occupancy, which
+  // later ones do not.
   double step_seconds_ahead() const {
-    const size_t from = all_.size() / 2;
+    std::vector<float> half(all_.begin() + static_cast<std::ptrdiff_t>(all_.size() / 2),
+                            all_.end());
+    std::sort(half.begin(), half.end());
+    const size_t longest = half.size() / 32;
+    half.resize(half.size() - (half.size() > 8 ? std::max<size_t>(longest, 1) : 0));
     double sum = 0;
-    for (size_t i = from; i < all_.size(); ++i) sum += static_cast<double>(all_[i]);
-    return sum / static_cast<double>(all_.size() - from);
+    for (const float s : half) sum += static_cast<double>(s);
+    return sum / static_cast<double>(half.size());
   }
 
  private:
