@@ -61,8 +61,7 @@ class Linear : public Operation {
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation) {
   NERF_CHECK_EQ(tape.rows(x), w.in);
   const Value y = tape.output(w.out, tape.domain(x), {&x, 1}, /*trained=*/true);
-  tape.need_scratch(static_cast<size_t>(w.in) *
-                    static_cast<size_t>(tape.capacity(tape.domain(x))));
+  tape.need_scratch(static_cast<size_t>(w.in) * static_cast<size_t>(tape.capacity(tape.domain(x))));
   tape.record(std::make_unique<Linear>(x, y, w, activation));
   return y;
 }

@@ -7,8 +7,8 @@
 
 namespace nerf::internal {
 
-// Smallest memory limit, in bytes, of the cgroup that `proc_cgroup` (/proc/self/cgroup) names and of
-// those above it, below `mount` (/sys/fs/cgroup): v2's memory.max and memory.high, v1's
+// Smallest memory limit, in bytes, of the cgroup that `proc_cgroup` (/proc/self/cgroup) names and
+// of those above it, below `mount` (/sys/fs/cgroup): v2's memory.max and memory.high, v1's
 // memory.limit_in_bytes. No value where nothing limits.
 std::optional<uint64_t> cgroup_memory_limit(const std::filesystem::path& proc_cgroup,
                                             const std::filesystem::path& mount);

@@ -119,8 +119,7 @@ struct ThreadPool::Impl {
 
 ThreadPool::ThreadPool(int threads) : impl_(std::make_unique<Impl>()) {
   size_ = threads > 0 ? threads : available_processors();
-  for (int i = 1; i < size_; ++i)
-    impl_->workers.emplace_back([this, i] { impl_->worker_main(i); });
+  for (int i = 1; i < size_; ++i) impl_->workers.emplace_back([this, i] { impl_->worker_main(i); });
 }
 
 ThreadPool::~ThreadPool() {
@@ -136,8 +135,7 @@ void ThreadPool::parallel_for(int64_t count, const std::function<void(int64_t)>&
   parallel_for_thread(count, [&fn](int64_t i, int) { fn(i); });
 }
 
-void ThreadPool::parallel_for_thread(int64_t count,
-                                     const std::function<void(int64_t, int)>& fn) {
+void ThreadPool::parallel_for_thread(int64_t count, const std::function<void(int64_t, int)>& fn) {
   if (count <= 0) return;
   Impl& p = *impl_;
   {

@@ -15,16 +15,16 @@ namespace nerf {
 struct OptimiserState {
   explicit OptimiserState(const GridField& field);
   AlignedArray<float> table_gradient, table_m, table_v;
-  AlignedArray<uint8_t> touched;    // one per row
-  AlignedArray<uint16_t> row_steps; // one per row
+  AlignedArray<uint8_t> touched;     // one per row
+  AlignedArray<uint16_t> row_steps;  // one per row
   AlignedArray<float> network_gradient, network_m, network_v;
 };
 
 struct Trainer::Impl {
   Impl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options, ThreadPool& pool);
 
-  // Chunks go to a fixed number of gradient accumulators whose sum is taken in order, so that it does
-  // not depend on the number of threads.
+  // Chunks go to a fixed number of gradient accumulators whose sum is taken in order, so that it
+  // does not depend on the number of threads.
   static constexpr int kAccumulators = 32;
 
   StepReport step();

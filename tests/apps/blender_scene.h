@@ -12,8 +12,7 @@
 namespace nerf::test {
 
 // `views` photos of `size` pixels, every 4th in the test file.
-inline void write_blender_scene(const std::filesystem::path& folder, int views = 8,
-                                int size = 32) {
+inline void write_blender_scene(const std::filesystem::path& folder, int views = 8, int size = 32) {
   const SyntheticCapture capture = sphere_capture(views, size);
   for (const bool test : {false, true}) {
     const std::string split = test ? "test" : "train";

@@ -24,9 +24,11 @@ TEST(ThreadPool, RunsEveryIndexExactlyOnce) {
 
 TEST(ThreadPool, RethrowsAndStaysUsable) {
   ThreadPool pool(3);
-  EXPECT_THROW(
-      pool.parallel_for(100, [](int64_t i) { if (i == 17) throw std::runtime_error("17"); }),
-      std::runtime_error);
+  EXPECT_THROW(pool.parallel_for(100,
+                                 [](int64_t i) {
+                                   if (i == 17) throw std::runtime_error("17");
+                                 }),
+               std::runtime_error);
   std::atomic<int> n{0};
   pool.parallel_for(10, [&](int64_t) { ++n; });
   EXPECT_EQ(n.load(), 10);
@@ -47,7 +49,10 @@ TEST(ThreadPool, ThreadIndexIsWithinThePool) {
 TEST(ThreadPool, TwoPoolsInOneProcess) {
   ThreadPool a(2), b(2);
   std::atomic<int> n{0};
-  a.parallel_for(8, [&](int64_t) { b.size(); ++n; });
+  a.parallel_for(8, [&](int64_t) {
+    b.size();
+    ++n;
+  });
   b.parallel_for(8, [&](int64_t) { ++n; });
   EXPECT_EQ(n.load(), 16);
 }

@@ -5,8 +5,8 @@
 // including the caller's. Which thread takes which i is not defined, so results must not depend on
 // it: cut work by the problem's size and never by the number of threads, and every result is
 // bit-identical for any thread count. Within fn, denormals are flushed to zero on every thread and
-// the caller's floating-point state is restored afterwards. An exception thrown by fn is rethrown on
-// the caller (the one of the lowest i that threw); the remaining indices may be skipped.
+// the caller's floating-point state is restored afterwards. An exception thrown by fn is rethrown
+// on the caller (the one of the lowest i that threw); the remaining indices may be skipped.
 #pragma once
 
 #include <cstdint>

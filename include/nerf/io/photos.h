@@ -14,10 +14,10 @@ namespace nerf {
 // One photo after downscaling: pixels row by row, channels interleaved.
 struct Photo {
   int width = 0, height = 0;
-  int channels = 3;                 // 3, or 4 with alpha (straight, not premultiplied)
-  std::vector<uint8_t> pixels8;     // 8-bit sources
-  std::vector<uint16_t> pixels16;   // half floats (bits); exactly one of the two is filled
-  std::vector<uint8_t> mask;        // empty, or width*height: 0 = masked out, 255 = keep
+  int channels = 3;                // 3, or 4 with alpha (straight, not premultiplied)
+  std::vector<uint8_t> pixels8;    // 8-bit sources
+  std::vector<uint16_t> pixels16;  // half floats (bits); exactly one of the two is filled
+  std::vector<uint8_t> mask;       // empty, or width*height: 0 = masked out, 255 = keep
 
   // Straight colour and alpha of pixel (x, y) in [0, 1] (EXR may exceed 1); alpha 1 where absent.
   void pixel(int x, int y, float rgba[4]) const;
@@ -36,9 +36,9 @@ struct Photo {
 };
 
 struct PhotoSet {
-  std::vector<Photo> photos;        // parallel to Scene::views
-  std::vector<Camera> cameras;      // parallel to Scene::views, scaled to the photo's size
-  double fraction_masked = 0;       // of all pixels
+  std::vector<Photo> photos;    // parallel to Scene::views
+  std::vector<Camera> cameras;  // parallel to Scene::views, scaled to the photo's size
+  double fraction_masked = 0;   // of all pixels
   double decode_seconds = 0;
 };
 

@@ -25,9 +25,9 @@ struct View {
 };
 
 struct ScenePoint {
-  Vec3d position;  // input coordinates
-  double error = 0;     // mean reprojection error, pixels
-  int views = 0;        // number of images that see it
+  Vec3d position;    // input coordinates
+  double error = 0;  // mean reprojection error, pixels
+  int views = 0;     // number of images that see it
 };
 
 enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kPhotos, kVideo };
@@ -40,51 +40,51 @@ enum class Split {
 struct SceneOptions {
   SceneFormat format = SceneFormat::kAuto;
   Split split = Split::kTest;
-  int downscale = 1;                        // photos divided by this, area average
-  std::optional<Box3> bbox;                 // input coordinates; what to reconstruct
-  std::optional<Vec3d> up;                  // input coordinates; overrides the estimate
+  int downscale = 1;                           // photos divided by this, area average
+  std::optional<Box3> bbox;                    // input coordinates; what to reconstruct
+  std::optional<Vec3d> up;                     // input coordinates; overrides the estimate
   std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
-  std::filesystem::path work_folder;        // where photos and video put frames and the model
-  std::filesystem::path run_folder;         // pictures below it are no photos; empty: none
+  std::filesystem::path work_folder;           // where photos and video put frames and the model
+  std::filesystem::path run_folder;            // pictures below it are no photos; empty: none
 };
 
 // What a person wants to know before training starts.
 struct SceneReport {
-  std::string format;                 // e.g. "COLMAP binary, with rigs and frames"
-  int images_total = 0;               // listed by the model or found in its image folder
+  std::string format;    // e.g. "COLMAP binary, with rigs and frames"
+  int images_total = 0;  // listed by the model or found in its image folder
   int images_registered = 0;
-  int images_missing = 0;             // registered, no file
+  int images_missing = 0;                  // registered, no file
   std::vector<std::string> missing_names;  // the first few
   std::vector<std::string> camera_models;  // e.g. "OPENCV 1080x1920"
-  double mean_reprojection_error = 0; // pixels; 0 where unknown
+  double mean_reprojection_error = 0;      // pixels; 0 where unknown
   int points = 0;
-  Vec3d up;                           // input coordinates, unit
-  Box3 extent;                        // of cameras and central points, input coordinates
-  double near = 0, far = 0;           // input units
-  double fraction_masked = 0;         // known after photos are decoded
+  Vec3d up;                    // input coordinates, unit
+  Box3 extent;                 // of cameras and central points, input coordinates
+  double near = 0, far = 0;    // input units
+  double fraction_masked = 0;  // known after photos are decoded
   int masks = 0;
   std::string mask_convention;
-  uint64_t memory_estimate_bytes = 0; // of photos, model and trainer
-  uint64_t memory_limit_bytes = 0;    // of this process
-  std::vector<std::string> ignored;   // inputs that were found and not used
+  uint64_t memory_estimate_bytes = 0;  // of photos, model and trainer
+  uint64_t memory_limit_bytes = 0;     // of this process
+  std::vector<std::string> ignored;    // inputs that were found and not used
   std::vector<std::string> warnings;
 };
 
 struct Scene {
   std::filesystem::path root;
-  std::vector<Camera> cameras;        // of the full-size photos, before --downscale
-  std::vector<View> views;            // registered views whose image exists, sorted bytewise by name
+  std::vector<Camera> cameras;  // of the full-size photos, before --downscale
+  std::vector<View> views;      // registered views whose image exists, sorted bytewise by name
   std::vector<ScenePoint> points;
-  std::vector<int> train, test;       // indices into views
+  std::vector<int> train, test;  // indices into views
   SceneOptions options;
-  bool alpha = false;                 // photos carry alpha (Blender): composite on a background
+  bool alpha = false;  // photos carry alpha (Blender): composite on a background
 
   // Input coordinates to engine coordinates: +z up, centred on what the cameras look at. A bounded
   // scene fits [-1, 1]^3; of an unbounded one the region between the cameras does.
   Similarity to_engine;
   bool unbounded = false;
-  double near = 0;                    // engine units; no sample closer to a camera than this
-  double far = 0;                     // engine units; distance of the farthest content
+  double near = 0;  // engine units; no sample closer to a camera than this
+  double far = 0;   // engine units; distance of the farthest content
   SceneReport report;
 };
 

@@ -15,17 +15,17 @@ namespace nerf {
 
 // Ids as COLMAP writes them into cameras.bin.
 enum class CameraModel : int32_t {
-  kSimplePinhole = 0,          // f, cx, cy
-  kPinhole = 1,                // fx, fy, cx, cy
-  kSimpleRadial = 2,           // f, cx, cy, k
-  kRadial = 3,                 // f, cx, cy, k1, k2
-  kOpenCV = 4,                 // fx, fy, cx, cy, k1, k2, p1, p2
-  kOpenCVFisheye = 5,          // fx, fy, cx, cy, k1, k2, k3, k4
-  kFullOpenCV = 6,             // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6
-  kFov = 7,                    // fx, fy, cx, cy, omega
-  kSimpleRadialFisheye = 8,    // f, cx, cy, k
-  kRadialFisheye = 9,          // f, cx, cy, k1, k2
-  kThinPrismFisheye = 10,      // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1
+  kSimplePinhole = 0,            // f, cx, cy
+  kPinhole = 1,                  // fx, fy, cx, cy
+  kSimpleRadial = 2,             // f, cx, cy, k
+  kRadial = 3,                   // f, cx, cy, k1, k2
+  kOpenCV = 4,                   // fx, fy, cx, cy, k1, k2, p1, p2
+  kOpenCVFisheye = 5,            // fx, fy, cx, cy, k1, k2, k3, k4
+  kFullOpenCV = 6,               // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6
+  kFov = 7,                      // fx, fy, cx, cy, omega
+  kSimpleRadialFisheye = 8,      // f, cx, cy, k
+  kRadialFisheye = 9,            // f, cx, cy, k1, k2
+  kThinPrismFisheye = 10,        // fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1
   kRadTanThinPrismFisheye = 11,  // fx, fy, cx, cy, k0..k5, p0, p1, s0..s3
 };
 
@@ -39,7 +39,7 @@ std::optional<CameraModel> camera_model_from_name(std::string_view name);
 
 struct Camera {
   CameraModel model = CameraModel::kPinhole;
-  int width = 0, height = 0;                    // pixels
+  int width = 0, height = 0;                      // pixels
   std::array<double, kMaxCameraParams> params{};  // in COLMAP's order, see CameraModel
 
   double fx() const;

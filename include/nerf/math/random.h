@@ -1,5 +1,5 @@
-// Counter-based random numbers: a value depends on its key alone, never on what was drawn before, so
-// that draws are order-free, replayable and the same on any number of threads.
+// Counter-based random numbers: a value depends on its key alone, never on what was drawn before,
+// so that draws are order-free, replayable and the same on any number of threads.
 #pragma once
 
 #include <cstdint>

@@ -10,9 +10,9 @@
 namespace nerf {
 
 struct ModelView {
-  std::string name;      // as Scene::View::name
-  Camera camera;         // at the size of the photos trained on
-  Pose pose;             // camera-to-world, input coordinates, OpenCV axes
+  std::string name;  // as Scene::View::name
+  Camera camera;     // at the size of the photos trained on
+  Pose pose;         // camera-to-world, input coordinates, OpenCV axes
   bool held_out = false;
   double time = 0;
 };
@@ -22,8 +22,8 @@ struct ModelInfo {
   std::vector<ModelView> views;  // sorted by name
   Similarity to_engine;          // input coordinates to engine coordinates (+z up)
   bool unbounded = false;
-  bool alpha = false;            // trained on photos with alpha: a background can be chosen
-  double near = 0, far = 0;      // engine units
+  bool alpha = false;        // trained on photos with alpha: a background can be chosen
+  double near = 0, far = 0;  // engine units
 };
 
 }  // namespace nerf

@@ -25,9 +25,9 @@ class RadianceField {
   const ModelInfo& info() const { return info_; }
   const GridField& grid() const { return *grid_; }
 
-  // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both in
-  // input coordinates. Spans of equal length n, rgb of 3n. Points outside the trained region have
-  // density 0.
+  // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both
+  // in input coordinates. Spans of equal length n, rgb of 3n. Points outside the trained region
+  // have density 0.
   void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
              std::span<float> density, std::span<float> rgb, ThreadPool& pool) const;
 

@@ -15,23 +15,24 @@ namespace nerf {
 class RadianceField;
 
 struct RenderOptions {
-  Vec3 background{1, 1, 1};     // sRGB; seen where alpha < 1
-  bool unclipped = false;       // true turns every skip off inside the trained occupancy
-  std::optional<Box3> bbox;     // input coordinates; nothing outside it is drawn
+  Vec3 background{1, 1, 1};         // sRGB; seen where alpha < 1
+  bool unclipped = false;           // true turns every skip off inside the trained occupancy
+  std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
   float min_transmittance = 1e-3f;  // a ray stops below it
-  float sample_factor = 1.5f;  // network samples of a ray, against those it gets in training
+  float sample_factor = 1.5f;       // network samples of a ray, against those it gets in training
 };
 
 // All images row by row from the top, one value (or three) per pixel.
 struct Frame {
   int width = 0, height = 0;
-  std::vector<float> rgb;        // 3 per pixel, sRGB, background composited in
-  std::vector<float> alpha;      // opacity in [0, 1]
-  std::vector<float> depth_z;    // median depth along the optical axis, input unit; 0 where nothing
+  std::vector<float> rgb;      // 3 per pixel, sRGB, background composited in
+  std::vector<float> alpha;    // opacity in [0, 1]
+  std::vector<float> depth_z;  // median depth along the optical axis, input unit; 0 where nothing
 };
 
-// Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates, OpenCV
-// axes. `progress` gets the fraction done in [0, 1], from one thread at a time. Throws Cancelled.
+// Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates,
+// OpenCV axes. `progress` gets the fraction done in [0, 1], from one thread at a time. Throws
+// Cancelled.
 Frame render(const RadianceField& field, const Camera& camera, const Pose& camera_to_world,
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress = {}, const Cancel* cancel = nullptr);

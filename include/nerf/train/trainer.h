@@ -21,13 +21,13 @@ namespace nerf {
 
 struct TrainOptions {
   uint64_t seed = 1;
-  int64_t steps = 0;             // planned length: the rate falls over it
-  int batch_samples = 1 << 15;   // network samples of a step
-  double rate = 2e-2;            // of the tables
-  double network_rate = 1;       // of the networks, as a share of `rate`
-  double final_rate = 0.05;      // of the last step, as a share of `rate`
-  int warmup_steps = 64;         // over which the rate rises
-  double hold = 0.1;             // share of the steps before the rate begins to fall
+  int64_t steps = 0;            // planned length: the rate falls over it
+  int batch_samples = 1 << 15;  // network samples of a step
+  double rate = 2e-2;           // of the tables
+  double network_rate = 1;      // of the networks, as a share of `rate`
+  double final_rate = 0.05;     // of the last step, as a share of `rate`
+  int warmup_steps = 64;        // over which the rate rises
+  double hold = 0.1;            // share of the steps before the rate begins to fall
   double huber_delta = 0.5;
   double network_l2 = 1e-6;
   double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
@@ -37,8 +37,7 @@ struct TrainOptions {
   void visit_options(V& v) {
     v("seed", seed, "of every random number");
     v("steps", steps, "length of the training; the rate falls over it", at_least(0));
-    v("batch_samples", batch_samples, "network samples of a step", at_least(960),
-      at_most(1 << 22));
+    v("batch_samples", batch_samples, "network samples of a step", at_least(960), at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
     v("network_rate", network_rate, "step size of the networks, as a share of the tables'",
       above(0), at_most(10));
@@ -46,7 +45,8 @@ struct TrainOptions {
       at_most(1));
     v("warmup_steps", warmup_steps, "steps over which the step size rises", at_least(0));
     v("hold", hold,
-      "share of the steps before the step size begins to fall; a budget of minutes fixes the number "
+      "share of the steps before the step size begins to fall; a budget of minutes fixes the "
+      "number "
       "of steps within it",
       at_least(0), at_most(0.9));
     v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
@@ -58,12 +58,12 @@ struct TrainOptions {
 };
 
 struct StepReport {
-  int64_t step = 0;        // steps done
-  double loss = 0;         // mean over rays and channels
-  double psnr = 0;         // of the step's rays, dB
-  int64_t rays = 0;        // of this step
-  int64_t samples = 0;     // network samples of this step: forward and backward
-  double opacity = 0;      // mean over the step's rays
+  int64_t step = 0;     // steps done
+  double loss = 0;      // mean over rays and channels
+  double psnr = 0;      // of the step's rays, dB
+  int64_t rays = 0;     // of this step
+  int64_t samples = 0;  // network samples of this step: forward and backward
+  double opacity = 0;   // mean over the step's rays
   double rate = 0;
 };
 
