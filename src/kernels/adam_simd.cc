@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -62,50 +61,61 @@ void dense(const AdamStep& o, float c1, float c2, int64_t n, const float* gradie
            weights + i);
 }
 
-// As many rows of 4 as a vector holds, at once; rows without gradient keep every bit.
+using D4 = hn::CappedTag<float, 4>;
+
+// The same four values in the lowest lanes of a vector.
+template <class D>
+HWY_INLINE hn::Vec<D> widened(D d, hn::Vec<D4> v) {
+  if constexpr (hn::MaxLanes(D()) == 4) {
+    return v;
+  } else {
+    return hn::ZeroExtendVector(d, widened(hn::Half<D>(), v));
+  }
+}
+
+// Four rows of 4 at once; rows without gradient keep every bit. Flags and counters stay in vectors:
+// a vector read from what scalars have just written would stall.
 void sparse(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, float* m, float* v,
             uint16_t* steps, float* weights, const float* correction) {
   const hn::ScalableTag<float> d;
-  constexpr int64_t kRows = hn::MaxLanes(hn::ScalableTag<float>()) / 4;
-  alignas(64) float c1[4 * kRows], c2[4 * kRows], open[4 * kRows];
-  const auto last_c1 = hn::Set(d, o.rate * correction[2 * (kBiasCorrections - 1)]);
-  const auto last_c2 = hn::Set(d, correction[2 * (kBiasCorrections - 1) + 1]);
+  constexpr int64_t kRows = 4;
+  constexpr int64_t kAhead = 32;  // rows; the processor does not foresee which ones have gradients
+  constexpr int64_t kLanes = hn::MaxLanes(hn::ScalableTag<float>());
+  const hn::CappedTag<uint8_t, kRows> d8;
+  const hn::CappedTag<uint16_t, kRows> d16;
+  const hn::CappedTag<int32_t, kRows> di;
+  const D4 d4;
+  // Row of each parameter of the four rows.
+  alignas(64) static constexpr int32_t kRow[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+  const auto rate = hn::Set(d4, o.rate);
+  const auto last = hn::Set(di, kBiasCorrections - 1);
   for (int64_t block = 0; block < rows; block += 8) {
-    uint64_t any;
+    uint64_t any, later = 0;
+    if (block + kAhead < rows) std::memcpy(&later, touched + block + kAhead, sizeof(later));
+    if (later != 0)
+      for (float* array : {gradient, m, v, weights}) {
+        __builtin_prefetch(array + 4 * (block + kAhead), 1, 3);
+        __builtin_prefetch(array + 4 * (block + kAhead) + 16, 1, 3);
+      }
     std::memcpy(&any, touched + block, sizeof(any));
     if (any == 0) continue;
-    for (int64_t first = block; first < block + 8; first += kRows) {
-      bool all = true, none = true, young = false;
-      for (int64_t i = 0; i < kRows; ++i) {
-        const bool on = touched[first + i] != 0;
-        uint16_t& step = steps[first + i];
-        if (on && step < 65535) ++step;
-        all &= on;
-        none &= !on;
-        young |= step < kBiasCorrections - 1;
-      }
-      if (none) continue;
-      auto rate = last_c1, root = last_c2;
-      if (young) {
-        for (int64_t i = 0; i < kRows; ++i) {
-          const int t = std::min<int>(steps[first + i], kBiasCorrections - 1);
-          for (int64_t f = 0; f < 4; ++f) {
-            c1[4 * i + f] = o.rate * correction[2 * t];
-            c2[4 * i + f] = correction[2 * t + 1];
-          }
-        }
-        rate = hn::Load(d, c1);
-        root = hn::Load(d, c2);
-      }
-      const int64_t at = 4 * first;
-      const auto g = hn::Load(d, gradient + at);
-      if (all) {
-        update(d, o, rate, root, g, m + at, v + at, weights + at);
-        hn::Store(hn::Zero(d), d, gradient + at);
-      } else {
-        for (int64_t i = 0; i < 4 * kRows; ++i) open[i] = touched[first + i / 4] ? 1.0f : 0.0f;
-        const auto where = hn::Gt(hn::Load(d, open), hn::Zero(d));
-        update_where(d, where, o, rate, root, g, m + at, v + at, weights + at);
+    for (int64_t first = block; first < block + 8; first += kRows, any >>= 8 * kRows) {
+      if (static_cast<uint32_t>(any) == 0) continue;
+      const auto on = hn::PromoteTo(d16, hn::Load(d8, touched + first));
+      const auto count = hn::SaturatedAdd(hn::Load(d16, steps + first), on);
+      hn::Store(count, d16, steps + first);
+      const auto t = hn::Min(hn::PromoteTo(di, count), last);
+      const auto c1 = hn::Mul(rate, hn::GatherIndex(d4, correction, hn::Add(t, t)));
+      const auto c2 = hn::GatherIndex(d4, correction + 1, hn::Add(t, t));
+      const auto open = hn::ConvertTo(d4, hn::PromoteTo(di, on));
+      for (int64_t lane = 0; lane < 4 * kRows; lane += kLanes) {
+        const auto row = hn::SetTableIndices(d, kRow + lane);
+        const auto spread = [&](hn::Vec<D4> x)
+                                HWY_ATTR { return hn::TableLookupLanes(widened(d, x), row); };
+        const auto where = hn::Gt(spread(open), hn::Zero(d));
+        const int64_t at = 4 * first + lane;
+        const auto g = hn::Load(d, gradient + at);
+        update_where(d, where, o, spread(c1), spread(c2), g, m + at, v + at, weights + at);
         hn::Store(hn::IfThenZeroElse(where, g), d, gradient + at);
       }
     }

@@ -6,7 +6,6 @@
 // clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
-#include <hwy/cache_control.h>
 // clang-format on
 
 HWY_BEFORE_NAMESPACE();
@@ -23,6 +22,8 @@ using D8 = hn::CappedTag<float, kGroup>;
 using DU8 = hn::RebindToUnsigned<D8>;
 using DI8 = hn::RebindToSigned<D8>;
 using D4 = hn::CappedTag<float, kGridFeatures>;
+constexpr int kStep = static_cast<int>(hn::MaxLanes(D8()));  // 8; 4 where vectors are of 128 bits
+static_assert(kGroup % kStep == 0);
 
 struct Corners {
   alignas(64) uint32_t row[8][kGroup];
@@ -51,16 +52,17 @@ HWY_INLINE Axis axis(const float* p, float scale, uint32_t multiplier, hn::Vec<D
   return a;
 }
 
+// Of the kStep samples from `first` of the group on.
 template <bool kDense>
-HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const float* y,
-                             const float* z, Corners& out) {
+HWY_INLINE void find_corners_from(int first, const HashGridLevel& level, const float* x,
+                                  const float* y, const float* z, Corners& out) {
   const D8 d;
   const DU8 du;
   const uint32_t side = level.resolution;
   hn::Vec<DI8> cell;
-  const Axis ax = axis(x, level.scale, 1u, &cell);
-  const Axis ay = axis(y, level.scale, kDense ? side : 2654435761u, &cell);
-  const Axis az = axis(z, level.scale, kDense ? side * side : 805459861u, &cell);
+  const Axis ax = axis(x + first, level.scale, 1u, &cell);
+  const Axis ay = axis(y + first, level.scale, kDense ? side : 2654435761u, &cell);
+  const Axis az = axis(z + first, level.scale, kDense ? side * side : 805459861u, &cell);
   const auto mask = hn::Set(du, level.entries - 1);
   for (int c = 0; c < 8; ++c) {
     const auto ix = c & 1 ? ax.high : ax.low;
@@ -71,9 +73,24 @@ HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const f
     const auto wz = c & 4 ? az.far : az.near;
     auto row = kDense ? hn::Add(ix, hn::Add(iy, iz)) : hn::Xor(ix, hn::Xor(iy, iz));
     if (!kDense) row = hn::And(row, mask);
-    hn::Store(row, du, out.row[c]);
-    hn::Store(hn::Mul(wx, hn::Mul(wy, wz)), d, out.weight[c]);
+    hn::Store(row, du, out.row[c] + first);
+    hn::Store(hn::Mul(wx, hn::Mul(wy, wz)), d, out.weight[c] + first);
   }
+}
+
+template <bool kDense>
+HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const float* y,
+                             const float* z, Corners& out) {
+  for (int first = 0; first < kGroup; first += kStep)
+    find_corners_from<kDense>(first, level, x, y, z, out);
+}
+
+// Asks for the rows that a group of corners will read, or write.
+template <bool kWrite>
+HWY_INLINE void prefetch_rows(const Corners& c, const float* rows) {
+  for (int i = 0; i < 8; ++i)
+    for (int s = 0; s < kGroup; ++s)
+      __builtin_prefetch(rows + static_cast<size_t>(c.row[i][s]) * kGridFeatures, kWrite, 3);
 }
 
 template <bool kDense>
@@ -84,18 +101,13 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
   const int64_t end = round_up(n, kLane);
   // Two groups of corners: the rows of the next group are asked for while this one is summed.
   Corners corners[2];
-  const auto prefetch = [&](const Corners& c) {
-    for (int i = 0; i < 8; ++i)
-      for (int s = 0; s < kGroup; ++s)
-        hwy::Prefetch(table + static_cast<size_t>(c.row[i][s]) * kGridFeatures);
-  };
   find_corners<kDense>(level, x, y, z, corners[0]);
   for (int64_t s = 0; s < end; s += kGroup) {
     const Corners& c = corners[(s / kGroup) & 1];
     if (s + kGroup < end) {
       Corners& next = corners[(s / kGroup + 1) & 1];
       find_corners<kDense>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
-      if (!kDense) prefetch(next);
+      if (!kDense) prefetch_rows<false>(next, table);
     }
     alignas(64) float sum[kGroup * kGridFeatures];
     for (int i = 0; i < kGroup; ++i) {
@@ -137,8 +149,15 @@ void backward_level(const HashGridLevel& level, const float* x, const float* y, 
                     float* HWY_RESTRICT gradient, uint8_t* HWY_RESTRICT touched) {
   const D4 d4;
   const int64_t end = round_up(n, kLane);
-  Corners c;
+  Corners corners[2];  // as forward
+  find_corners<kDense>(level, x, y, z, corners[0]);
   for (int64_t s = 0; s < end; s += kGroup) {
+    const Corners& c = corners[(s / kGroup) & 1];
+    if (s + kGroup < end) {
+      Corners& next = corners[(s / kGroup + 1) & 1];
+      find_corners<kDense>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
+      if (!kDense) prefetch_rows<true>(next, gradient);
+    }
     alignas(64) float g[kGroup * kGridFeatures];
     for (int h = 0; h < kGroup; h += 4) {
       const float* from = df + s + h;
@@ -146,7 +165,6 @@ void backward_level(const HashGridLevel& level, const float* x, const float* y, 
                             hn::LoadU(d4, from + 2 * ld), hn::LoadU(d4, from + 3 * ld), d4,
                             g + h * kGridFeatures);
     }
-    find_corners<kDense>(level, x + s, y + s, z + s, c);
     for (int i = 0; i < kGroup; ++i) {
       const auto gi = hn::Load(d4, g + i * kGridFeatures);
       if (hn::AllTrue(d4, hn::Eq(gi, hn::Zero(d4)))) continue;

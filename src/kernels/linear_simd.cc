@@ -206,6 +206,27 @@ HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const floa
   }
 }
 
+void outer_rows(int rows, const float* dy, int64_t ld, const float* const* x, int columns,
+                int64_t end, float* dw, int64_t ldw) {
+  switch (rows) {
+#define NERF_CASE(R)                                  \
+  case R:                                             \
+    outer_block<R>(dy, ld, x, columns, end, dw, ldw); \
+    break;
+    NERF_CASE(1)
+    NERF_CASE(2)
+    NERF_CASE(3)
+#if HWY_TARGET != HWY_AVX2
+    NERF_CASE(4)
+    NERF_CASE(5)
+    NERF_CASE(6)
+#endif
+#undef NERF_CASE
+    default:
+      break;
+  }
+}
+
 void backward_weights(int in, int out, const float* dy, const float* x, int64_t ld, int64_t n,
                       float* dw, float* dbias) {
   const int64_t ldw = weight_stride(in);
@@ -221,31 +242,7 @@ void backward_weights(int in, int out, const float* dy, const float* x, int64_t 
       const int columns = std::min(kOuterColumns, in - k);
       const float* from[kOuterColumns];  // past the last column: the last again, not stored
       for (int c = 0; c < kOuterColumns; ++c) from[c] = x + std::min(k + c, in - 1) * ld;
-      float* to = dw + r * ldw + k;
-      switch (rows) {
-        case 1:
-          outer_block<1>(g, ld, from, columns, end, to, ldw);
-          break;
-        case 2:
-          outer_block<2>(g, ld, from, columns, end, to, ldw);
-          break;
-        case 3:
-          outer_block<3>(g, ld, from, columns, end, to, ldw);
-          break;
-#if HWY_TARGET != HWY_AVX2
-        case 4:
-          outer_block<4>(g, ld, from, columns, end, to, ldw);
-          break;
-        case 5:
-          outer_block<5>(g, ld, from, columns, end, to, ldw);
-          break;
-        case 6:
-          outer_block<6>(g, ld, from, columns, end, to, ldw);
-          break;
-#endif
-        default:
-          break;
-      }
+      outer_rows(rows, g, ld, from, columns, end, dw + r * ldw + k, ldw);
     }
     r += rows;
   }

@@ -12,13 +12,14 @@ struct AdamStep {
   float l2 = 0;  // added to the gradient as l2 * weight
 };
 
-// One step over n parameters; `step` counts from 1. n is a multiple of kLane (linear.h).
+// One step over n parameters; `step` counts from 1. n is a multiple of kLane (linear.h); arrays are
+// aligned to 64 bytes.
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,
                 float* v, float* weights);
 
-// One step over the rows (4 floats each) whose touched flag is set, each with its own step counter
-// (saturating at 65535, where the bias correction has long been 1). Clears flag and gradient of
-// every touched row. `correction` holds bias_corrections(...). rows is a multiple of 8.
+// One step over the rows (4 floats each) whose touched flag is 1 and not 0, each with its own step
+// counter (saturating at 65535, where the bias correction has long been 1). Clears flag and
+// gradient of every touched row. `correction` holds bias_corrections(...). rows is a multiple of 8.
 void adam_rows(const AdamStep& options, int64_t rows, uint8_t* touched, float* gradient, float* m,
                float* v, uint16_t* steps, float* weights, const float* correction);
 
