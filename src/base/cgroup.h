@@ -13,4 +13,9 @@ namespace nerf::internal {
 std::optional<uint64_t> cgroup_memory_limit(const std::filesystem::path& proc_cgroup,
                                             const std::filesystem::path& mount);
 
+// Smallest number of processors that the same groups grant, rounded to the nearest whole one and at
+// least 1: v2's cpu.max, v1's cpu.cfs_quota_us over cpu.cfs_period_us.
+std::optional<int> cgroup_cpu_limit(const std::filesystem::path& proc_cgroup,
+                                    const std::filesystem::path& mount);
+
 }  // namespace nerf::internal

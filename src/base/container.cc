@@ -21,6 +21,7 @@ static_assert(std::endian::native == std::endian::little, "files hold little-end
 
 constexpr size_t kNameBytes = 16;
 constexpr uint32_t kMostSections = 64;
+constexpr uint64_t kMostDeflation = 1032;  // bytes that deflate can make of one
 constexpr uint64_t kMostFileBytes = uint64_t{16} << 30;
 
 // As they stand in the file.
@@ -189,6 +190,8 @@ void ContainerReader::parse(const ContainerFormat& format) {
       throw damaged("section '" + name + "' has an unknown encoding");
     if (section.encoding == SectionEncoding::kRaw && s.stored_bytes != s.decoded_bytes)
       throw damaged("section '" + name + "' states two sizes");
+    if (s.decoded_bytes / kMostDeflation > s.stored_bytes)
+      throw damaged("section '" + name + "' states more than it can hold");
     if (!sections_.emplace(name, section).second)
       throw damaged("section '" + name + "' is there twice");
   }

@@ -76,7 +76,7 @@ Buffer read_whole(const fs::path& path, uint64_t max_bytes) {
   const Fd fd = open_regular(path, max_bytes, &expected);
   Buffer buffer;
   try {
-    buffer.resize(expected);
+    buffer.resize(std::min(max_bytes, expected + 1));  // the end is seen without growing
   } catch (const std::bad_alloc&) {
     throw Error("not enough memory to read " + size_text(expected), path.string());
   }

@@ -1,10 +1,11 @@
-// The memory functions of file.h.
+// What this process may use: memory (file.h) and the limits of its control groups.
 #include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <charconv>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <string>
 #include <string_view>
@@ -34,28 +35,25 @@ void take_smaller(std::optional<uint64_t>& limit, std::optional<uint64_t> other)
   if (other && (!limit || *other < *limit)) limit = other;
 }
 
-// Controllers of a v1 line are separated by commas: "memory" or "cpu,memory".
-bool lists_memory(std::string_view controllers) {
+// Controllers of a v1 line are separated by commas: "memory" or "cpu,cpuacct".
+bool lists(std::string_view controllers, std::string_view wanted) {
   while (!controllers.empty()) {
     const size_t comma = std::min(controllers.find(','), controllers.size());
-    if (controllers.substr(0, comma) == "memory") return true;
+    if (controllers.substr(0, comma) == wanted) return true;
     controllers.remove_prefix(std::min(comma + 1, controllers.size()));
   }
   return false;
 }
 
-}  // namespace
-
-namespace internal {
-
-std::optional<uint64_t> cgroup_memory_limit(const fs::path& proc_cgroup, const fs::path& mount) {
-  std::optional<uint64_t> limit;
-  // Within a container the named folder may lie outside of the mount; its root then is the
-  // container's own group, so every level up to the root is asked.
-  const auto walk = [&](const fs::path& root, const fs::path& below,
-                        std::initializer_list<const char*> names) {
+// Calls visit_v2 or visit_v1 for the folder of every group of this process that a controller has.
+// Within a container the named folder may lie outside of the mount; its root then is the
+// container's own group, so every level up to the root is visited.
+void visit_groups(const fs::path& proc_cgroup, const fs::path& mount, const char* controller,
+                  const std::function<void(const fs::path&)>& visit_v2,
+                  const std::function<void(const fs::path&)>& visit_v1) {
+  const auto walk = [](const fs::path& root, const fs::path& below, const auto& visit) {
     for (fs::path group = below.relative_path();; group = group.parent_path()) {
-      for (const char* name : names) take_smaller(limit, read_limit(root / group / name));
+      visit(root / group);
       if (group.empty()) return;
     }
   };
@@ -69,13 +67,55 @@ std::optional<uint64_t> cgroup_memory_limit(const fs::path& proc_cgroup, const f
     const std::string controllers = line.substr(first + 1, second - first - 1);
     const fs::path group = fs::path(line.substr(second + 1)).lexically_normal();
     if (controllers.empty()) {
-      walk(mount, group, {"memory.max", "memory.high"});
-      walk(mount / "unified", group, {"memory.max", "memory.high"});
-    } else if (lists_memory(controllers)) {
-      walk(mount / "memory", group, {"memory.limit_in_bytes"});
+      walk(mount, group, visit_v2);
+      walk(mount / "unified", group, visit_v2);
+    } else if (lists(controllers, controller)) {
+      walk(mount / controller, group, visit_v1);
     }
   }
+}
+
+// "200000 100000" or "max 100000": processors, or no value.
+std::optional<double> read_quota(const fs::path& path) {
+  std::ifstream in(path);
+  double quota = 0, period = 0;
+  if (!(in >> quota >> period) || !(quota > 0) || !(period > 0)) return std::nullopt;
+  return quota / period;
+}
+
+}  // namespace
+
+namespace internal {
+
+std::optional<uint64_t> cgroup_memory_limit(const fs::path& proc_cgroup, const fs::path& mount) {
+  std::optional<uint64_t> limit;
+  visit_groups(
+      proc_cgroup, mount, "memory",
+      [&](const fs::path& group) {
+        take_smaller(limit, read_limit(group / "memory.max"));
+        take_smaller(limit, read_limit(group / "memory.high"));
+      },
+      [&](const fs::path& group) {
+        take_smaller(limit, read_limit(group / "memory.limit_in_bytes"));
+      });
   return limit;
+}
+
+std::optional<int> cgroup_cpu_limit(const fs::path& proc_cgroup, const fs::path& mount) {
+  std::optional<double> limit;
+  const auto take = [&](std::optional<double> quota) {
+    if (quota && (!limit || *quota < *limit)) limit = quota;
+  };
+  visit_groups(
+      proc_cgroup, mount, "cpu",
+      [&](const fs::path& group) { take(read_quota(group / "cpu.max")); },
+      [&](const fs::path& group) {
+        const auto quota = read_limit(group / "cpu.cfs_quota_us");  // -1: none
+        const auto period = read_limit(group / "cpu.cfs_period_us");
+        if (quota && period) take(static_cast<double>(*quota) / static_cast<double>(*period));
+      });
+  if (!limit) return std::nullopt;
+  return std::max(1, static_cast<int>(std::min(*limit, 1e6) + 0.5));
 }
 
 }  // namespace internal

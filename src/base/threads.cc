@@ -4,13 +4,13 @@
 #include <atomic>
 #include <condition_variable>
 #include <exception>
-#include <fstream>
-#include <limits>
 #include <mutex>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
+#include "cgroup.h"
 #include "nerf/base/error.h"
 
 #if defined(__x86_64__)
@@ -22,40 +22,25 @@
 
 namespace nerf {
 
-namespace {
-
-// cgroup v2 "max 100000" or "200000 100000"; v1 has quota and period in two files.
-int cgroup_cpu_limit() {
-  {
-    std::ifstream f("/sys/fs/cgroup/cpu.max");
-    std::string quota;
-    double period = 0;
-    if (f >> quota >> period && quota != "max" && period > 0)
-      return std::max(1, static_cast<int>(std::stod(quota) / period + 0.5));
-  }
-  std::ifstream q("/sys/fs/cgroup/cpu/cpu.cfs_quota_us");
-  std::ifstream p("/sys/fs/cgroup/cpu/cpu.cfs_period_us");
-  double quota = 0, period = 0;
-  if (q >> quota && p >> period && quota > 0 && period > 0)
-    return std::max(1, static_cast<int>(quota / period + 0.5));
-  return std::numeric_limits<int>::max();
-}
-
-}  // namespace
-
 int available_processors() {
   int count = static_cast<int>(std::thread::hardware_concurrency());
 #if defined(__linux__)
   cpu_set_t set;
   if (sched_getaffinity(0, sizeof(set), &set) == 0) count = CPU_COUNT(&set);
 #endif
-  return std::max(1, std::min(count, cgroup_cpu_limit()));
+  const auto limit = internal::cgroup_cpu_limit("/proc/self/cgroup", "/sys/fs/cgroup");
+  return std::max(1, limit ? std::min(count, *limit) : count);
 }
 
 FlushDenormals::FlushDenormals() {
 #if defined(__x86_64__)
   saved_ = _mm_getcsr();
   _mm_setcsr(saved_ | 0x8040u);  // FTZ | DAZ
+#elif defined(__aarch64__)
+  uint64_t fpcr;
+  asm volatile("mrs %0, fpcr" : "=r"(fpcr));
+  saved_ = static_cast<unsigned>(fpcr);
+  asm volatile("msr fpcr, %0" : : "r"(fpcr | uint64_t{1} << 24));  // FZ
 #else
   saved_ = 0;
 #endif
@@ -64,6 +49,8 @@ FlushDenormals::FlushDenormals() {
 FlushDenormals::~FlushDenormals() {
 #if defined(__x86_64__)
   _mm_setcsr(saved_);
+#elif defined(__aarch64__)
+  asm volatile("msr fpcr, %0" : : "r"(uint64_t{saved_}));
 #endif
 }
 
@@ -83,6 +70,15 @@ struct ThreadPool::Impl {
   std::exception_ptr error;
   int64_t error_index = 0;
   std::atomic<bool> failed{false};
+
+  void stop() {
+    {
+      std::lock_guard lock(mutex);
+      stopping = true;
+    }
+    start.notify_all();
+    for (auto& t : workers) t.join();
+  }
 
   void work(int thread) {
     FlushDenormals guard;
@@ -119,17 +115,19 @@ struct ThreadPool::Impl {
 
 ThreadPool::ThreadPool(int threads) : impl_(std::make_unique<Impl>()) {
   size_ = threads > 0 ? threads : available_processors();
-  for (int i = 1; i < size_; ++i) impl_->workers.emplace_back([this, i] { impl_->worker_main(i); });
+  try {
+    for (int i = 1; i < size_; ++i)
+      impl_->workers.emplace_back([impl = impl_.get(), i] { impl->worker_main(i); });
+  } catch (const std::system_error&) {
+    const size_t started = impl_->workers.size() + 1;
+    impl_->stop();
+    throw Error("the system lets this process start only " + std::to_string(started) + " of " +
+                    std::to_string(size_) + " threads",
+                "", "give fewer with --threads");
+  }
 }
 
-ThreadPool::~ThreadPool() {
-  {
-    std::lock_guard lock(impl_->mutex);
-    impl_->stopping = true;
-  }
-  impl_->start.notify_all();
-  for (auto& t : impl_->workers) t.join();
-}
+ThreadPool::~ThreadPool() { impl_->stop(); }
 
 void ThreadPool::parallel_for(int64_t count, const std::function<void(int64_t)>& fn) {
   parallel_for_thread(count, [&fn](int64_t i, int) { fn(i); });

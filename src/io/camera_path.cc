@@ -235,9 +235,9 @@ void add_interpolation(CameraPath& path, const ModelInfo& info, int frames) {
                     info.to_engine.apply_inverse(curve.at(parameters[i])), 0};
     frame.camera_to_world.rotation = orthonormalized(frame.camera_to_world.rotation);
     if (timed) {
-      const auto [key, fraction] = spline.key_at(parameters[i]);
-      const size_t next = std::min<size_t>(static_cast<size_t>(key) + 1, views.size() - 1);
-      frame.time = views[key]->time + fraction * (views[next]->time - views[key]->time);
+      const auto [key, next, fraction] = spline.place_of(parameters[i]);
+      const double from = views[static_cast<size_t>(key)]->time;
+      frame.time = from + fraction * (views[static_cast<size_t>(next)]->time - from);
     }
     path.frames.push_back(std::move(frame));
   }

@@ -28,6 +28,9 @@ std::string writer_for(const fs::path& path) {
 // Encoded in memory, so that what reaches the disk is one plain write with a plain errno.
 std::vector<unsigned char> encode(const std::string& format, const fs::path& path,
                                   const Image8& image) {
+  // Before the writer, which may still write when it is closed by its destructor.
+  std::vector<unsigned char> bytes;
+  OIIO::Filesystem::IOVecOutput sink(bytes);
   const auto out = OIIO::ImageOutput::create(format);
   if (!out) throw Error("cannot write: " + OIIO::geterror(), path.string());
   const int channels =
@@ -38,8 +41,6 @@ std::vector<unsigned char> encode(const std::string& format, const fs::path& pat
     spec.attribute("oiio:UnassociatedAlpha", 1);
   }
   if (format == "jpeg") spec.attribute("Compression", "jpeg:95");
-  std::vector<unsigned char> bytes;
-  OIIO::Filesystem::IOVecOutput sink(bytes);
   if (!out->set_ioproxy(&sink) || !out->open(path.string(), spec) ||
       !out->write_image(OIIO::TypeDesc::UINT8, image.pixels.data(), image.channels) ||
       !out->close()) {
@@ -48,20 +49,7 @@ std::vector<unsigned char> encode(const std::string& format, const fs::path& pat
   return bytes;
 }
 
-}  // namespace
-
-Image8 read_image_8bit(const fs::path& path) {
-  internal::StoredImage stored = internal::decode_image(path);
-  Image8 image{stored.width, stored.height, stored.channels, {}};
-  if (stored.type == internal::SampleType::k8 && !stored.premultiplied) {
-    image.pixels = std::move(stored.samples8);
-    return image;
-  }
-  return to_8bit(read_image_float(path));
-}
-
-ImageF read_image_float(const fs::path& path) {
-  const internal::StoredImage stored = internal::decode_image(path);
+ImageF to_float(const internal::StoredImage& stored) {
   ImageF image{stored.width, stored.height, stored.channels, {}};
   const size_t count = std::max(stored.samples8.size(), stored.samples16.size());
   image.pixels.resize(count);
@@ -75,6 +63,20 @@ ImageF read_image_float(const fs::path& path) {
   }
   return image;
 }
+
+}  // namespace
+
+Image8 read_image_8bit(const fs::path& path) {
+  internal::StoredImage stored = internal::decode_image(path);
+  Image8 image{stored.width, stored.height, stored.channels, {}};
+  if (stored.type == internal::SampleType::k8 && !stored.premultiplied) {
+    image.pixels = std::move(stored.samples8);
+    return image;
+  }
+  return to_8bit(to_float(stored));
+}
+
+ImageF read_image_float(const fs::path& path) { return to_float(internal::decode_image(path)); }
 
 Image8 to_8bit(const ImageF& image) {
   Image8 result{image.width, image.height, image.channels, {}};

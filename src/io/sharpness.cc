@@ -70,6 +70,7 @@ bool GreyStream::take_header() {
       width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide) {
     throw Error("ffmpeg gave no grey frames but: " + std::string(header.substr(0, 80)));
   }
+  if (end == pending_.end()) throw Error("ffmpeg's header has no end");
   width_ = width;
   height_ = height;
   used_ = header.size() + 1;

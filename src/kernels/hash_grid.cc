@@ -19,9 +19,8 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
   for (int l = 0; l < levels; ++l) {
     HashGridLevel level;
     level.scale = static_cast<float>(base_resolution * std::pow(growth, l) - 1.0);
-    level.resolution = static_cast<uint32_t>(std::ceil(level.scale)) + 1;
     // Sampling at x * scale + 0.5 reaches vertex ceil(scale) + 1 in the worst case.
-    const uint64_t side = level.resolution + 1;
+    const uint64_t side = static_cast<uint64_t>(std::ceil(level.scale)) + 2;
     level.resolution = static_cast<uint32_t>(side);
     const uint64_t vertices = side * side * side;
     level.dense = vertices <= table;

@@ -168,11 +168,11 @@ Pose PoseSpline::at(double u) const {
   return pose;
 }
 
-std::pair<int, double> PoseSpline::key_at(double u) const {
-  if (keys_.size() == 1) return {keys_[0].index, 0.0};
+PoseSpline::Place PoseSpline::place_of(double u) const {
+  if (keys_.size() == 1) return {keys_[0].index, keys_[0].index, 0.0};
   double s = 0;
-  const int i = segment(u, s);
-  return {keys_[i].index, s};
+  const size_t i = static_cast<size_t>(segment(u, s));
+  return {keys_[i].index, keys_[i + 1].index, s};
 }
 
 }  // namespace nerf

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "nerf/base/error.h"
+#include "nerf/kernels/simd.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"
 
@@ -51,6 +52,7 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
       table(shape.rows * kGridFeatures),
       occupancy(cascades, occupancy_side(o, is_unbounded)),
       clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
+  simd_target();  // chosen, or found missing, before any kernel runs
   size_t size = 0;
   density_layers =
       place_layers(shape.features(), o.hidden, o.density_layers, o.geometry_features, size);
@@ -60,7 +62,8 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
 }
 
 void GridField::initialise(uint64_t seed) {
-  constexpr uint64_t kTableStream = 1, kNetworkStream = 2;
+  // The first numbers of a key; those of training steps have the highest bit clear.
+  constexpr uint64_t kTableStream = uint64_t{1} << 63, kNetworkStream = kTableStream + 1;
   for (uint64_t r = 0; r < shape.rows; ++r) {
     Random random(seed, kTableStream, r);
     for (int f = 0; f < kGridFeatures; ++f)

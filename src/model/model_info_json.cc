@@ -1,6 +1,6 @@
 #include "model/model_info_json.h"
 
-#include <cmath>
+#include "nerf/math/camera_paths.h"
 
 namespace nerf::internal {
 namespace {
@@ -27,10 +27,7 @@ Mat3d rotation_from(const JsonFields& f, const char* key) {
   const auto v = f.numbers(key, 9);
   Mat3d r;
   for (size_t i = 0; i < 9; ++i) r.m[i / 3][i % 3] = v[i];
-  const Mat3d product = r * r.transposed();
-  for (size_t i = 0; i < 9; ++i)
-    if (!(std::fabs(product.m[i / 3][i % 3] - (i % 4 == 0 ? 1 : 0)) < 1e-3))
-      f.fail("is not a rotation", key);
+  if (!(orthonormality_error(r) < 1e-3)) f.fail("is not a rotation", key);
   return r;
 }
 

@@ -37,7 +37,7 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
       inside[i] = true;
       for (int k = 0; k < 3; ++k)
         inside[i] &= p[k] >= grid_->clip.min[k] && p[k] <= grid_->clip.max[k];
-      inside[i] &= grid_->occupancy.cascade_of(p.cast<float>()) < grid_->occupancy.cascades();
+      inside[i] = inside[i] && grid_->occupancy.occupied(p.cast<float>());
       const Vec3d d =
           info_.to_engine.rotation * normalized(directions[static_cast<size_t>(begin + i)]);
       const Vec3 g = grid_->grid_position(p.cast<float>());

@@ -81,6 +81,13 @@ int64_t OccupancyGrid::cell_of(const Vec3& p, int cascade) const {
   return brick_major(at[0], at[1], at[2], bricks());
 }
 
+bool OccupancyGrid::occupied(const Vec3& p) const {
+  const int c = cascade_of(p);
+  if (c >= cascades_) return false;
+  const int64_t cell = cell_of(p, c);
+  return (brick_mask(c, cell / 64) >> (cell % 64) & 1) != 0;
+}
+
 Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) const {
   const int64_t n = bricks();
   const int64_t brick = cell / 64;

@@ -22,6 +22,8 @@ bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1) {
 
 RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options, const Box3& clip)
     : grid_(grid), options_(options), clip_(clip) {
+  options_.max_samples = std::max(1, options_.max_samples);
+  options_.min_samples = std::clamp(options_.min_samples, 1, options_.max_samples);
   const double half = static_cast<double>(1 << (grid.cascades() - 1));
   for (int i = 0; i < 3; ++i) {
     clip_.min[i] = std::max(clip_.min[i], -half);

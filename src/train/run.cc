@@ -21,8 +21,9 @@ constexpr int64_t kNoPlan = int64_t{1} << 40;
 // Share of the budget after which the plan is fixed, relative to TrainOptions::hold: early steps
 // may be faster than late ones, and must not leave the hold before.
 constexpr double kPlanWithinHold = 0.8;
+constexpr double kLeastHold = 0.02;
 // A late step takes longer than those of the warm-up: the more of space is known to be empty, the
-// more rays share its samples. 5 to 10 % on lego.
+// more rays share its samples (docs/architecture.md).
 constexpr double kLateStep = 1.07;
 constexpr double kFirstSave = 0.25;  // of the interval between checkpoints
 constexpr double kEmptyOpacity = 0.001;
@@ -43,7 +44,12 @@ class Run {
         cancel_(cancel),
         budget_(60 * options.minutes),
         photo_opacity_(trainer.photo_opacity()) {
-    if (budget_ > 0) trainer_.set_planned_steps(kNoPlan);
+    if (budget_ <= 0) return;
+    if (trainer.options().hold < kLeastHold)
+      throw Error(
+          "a budget of minutes fixes the number of steps within the hold, which is too short",
+          "--hold", "give at least 0.02, or --steps");
+    trainer_.set_planned_steps(kNoPlan);
   }
 
   void resume() {
@@ -105,13 +111,10 @@ class Run {
   }
 
   void plan_when_due() {
-    const double share = std::max(kPlanWithinHold * trainer_.options().hold, 0.02);
-    if (result_.train_seconds < share * budget_ || speed_.steps() < 3) return;
-    // Steps taken after the hold would have had another rate, had the plan been known.
     const double hold = trainer_.options().hold;
-    plan(hold > 0
-             ? static_cast<int64_t>(std::ceil(static_cast<double>(trainer_.steps_done()) / hold))
-             : 0);
+    if (result_.train_seconds < kPlanWithinHold * hold * budget_ || speed_.steps() < 3) return;
+    // Steps taken after the hold would have had another rate, had the plan been known.
+    plan(static_cast<int64_t>(std::ceil(static_cast<double>(trainer_.steps_done()) / hold)));
   }
 
   // As many steps as the rest of the budget has room for, but not below `least`.
@@ -137,15 +140,20 @@ class Run {
     const uint64_t salt = mix64(trainer_.options().seed + static_cast<uint64_t>(result_.failures));
     const double rate_factor = std::ldexp(1.0, -result_.failures);
     const bool planned = budget_ > 0 && plan_known();
+    const int64_t steps = trainer_.options().steps;
     if (to_checkpoint && have_checkpoint_) {
       trainer_.load_checkpoint(checkpoint_);
       trainer_.vary(salt, rate_factor);
     } else {
       trainer_.restart(salt, rate_factor);
       opacity_ = 0;
+      have_checkpoint_ = false;  // it is of the attempt that was given up: replaced at once
+      next_save_ = result_.train_seconds;
     }
-    if (planned)
+    if (planned && speed_.steps() > 0)
       plan(0);
+    else if (planned)
+      trainer_.set_planned_steps(steps);
     else if (budget_ > 0)
       trainer_.set_planned_steps(kNoPlan);
     if (callbacks_.went_back) callbacks_.went_back(reason, trainer_.steps_done());

@@ -37,11 +37,14 @@ class AlphaTable {
   // Whether the square of the given half-width (full-size pixels) holds no opaque pixel and lies
   // inside the photo.
   bool transparent(double x, double y, double half) {
+    // In double first: what is far outside has no place in an int.
+    if (!(x - half >= 0 && y - half >= 0 && x + half < double{kReduce} * width_ &&
+          y + half < double{kReduce} * height_))
+      return false;
     const int x0 = static_cast<int>(std::floor((x - half) / kReduce));
     const int y0 = static_cast<int>(std::floor((y - half) / kReduce));
     const int x1 = static_cast<int>(std::floor((x + half) / kReduce)) + 1;
     const int y1 = static_cast<int>(std::floor((y + half) / kReduce)) + 1;
-    if (x0 < 0 || y0 < 0 || x1 > width_ || y1 > height_) return false;
     return at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0) == 0;
   }
 
@@ -87,7 +90,7 @@ Sight look(const Eye& eye, AlphaTable* alpha, const Vec3d& centre, double radius
   const double sin_ball = radius / distance;
   const double cos_ball = std::sqrt(1 - sin_ball * sin_ball);
   const double cos_wide = eye.cos_half * cos_ball - eye.sin_half * sin_ball;
-  if (eye.cos_half > -1 && eye.cos_half > 0 && p.z / distance < cos_wide) return Sight::kOutside;
+  if (eye.cos_half > 0 && p.z / distance < cos_wide) return Sight::kOutside;
   if (!alpha || p.z <= radius) return Sight::kMatterPossible;
   const auto pixel = project(*eye.camera, p);
   if (!pixel) return Sight::kMatterPossible;

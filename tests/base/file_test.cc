@@ -293,6 +293,26 @@ TEST_F(CgroupTest, DamagedFilesLimitNothing) {
   EXPECT_EQ(limit(), std::nullopt);
 }
 
+TEST_F(CgroupTest, ProcessorsOfEveryGroupOnTheWayUp) {
+  const auto processors = [&] {
+    return internal::cgroup_cpu_limit(folder_ / "self", folder_ / "mount");
+  };
+  put("self", "0::/system.slice/box\n");
+  put("mount/system.slice/box/cpu.max", "max 100000\n");
+  EXPECT_EQ(processors(), std::nullopt);
+  put("mount/system.slice/cpu.max", "250000 100000\n");
+  EXPECT_EQ(processors(), 3);
+  put("mount/cpu.max", "1000 100000\n");
+  EXPECT_EQ(processors(), 1);
+  put("self", "3:cpu,cpuacct:/box\n");
+  put("mount/cpu/box/cpu.cfs_quota_us", "-1\n");
+  put("mount/cpu/box/cpu.cfs_period_us", "100000\n");
+  EXPECT_EQ(processors(), std::nullopt);
+  put("mount/cpu/cpu.cfs_quota_us", "400000\n");
+  put("mount/cpu/cpu.cfs_period_us", "100000\n");
+  EXPECT_EQ(processors(), 4);
+}
+
 TEST(Memory, LimitsAndPeakAreSensible) {
   EXPECT_GT(available_memory_bytes(), uint64_t{64} << 20);
   EXPECT_LT(available_memory_bytes(), uint64_t{1} << 50);

@@ -23,7 +23,7 @@ using test::TempFolder;
 class Video : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (!find_program("ffmpeg")) GTEST_SKIP() << "ffmpeg is not installed";
+    ASSERT_TRUE(find_program("ffmpeg")) << "scripts/install-deps installs it";
   }
   // Frame i is a checkerboard on brightness i * step; blurred ones are nearly flat.
   fs::path frame(int i, bool blurred = false, int width = 65, int height = 49) {

@@ -173,7 +173,8 @@ TEST(PoseSpline, PassesThroughItsKeysAndStaysRigid) {
     const double u = i / 60000.0;
     const Pose p = spline.at(u);
     ASSERT_LT(orthonormality_error(p.rotation), 1e-12);
-    const auto [key, fraction] = spline.key_at(u);
+    const auto [key, next, fraction] = spline.place_of(u);
+    ASSERT_EQ(next, key + 1);
     EXPECT_GE(key + fraction, previous - 1e-12);
     previous = key + fraction;
     if (found < 6 && length(p.translation - poses[found].translation) < 1e-3 &&
@@ -217,7 +218,8 @@ TEST(PoseSpline, DegenerateKeys) {
   const std::vector<Pose> repeated{a, a, b, b, a};
   const PoseSpline spline(repeated, 1);
   EXPECT_EQ(spline.distinct_keys(), 3);
-  EXPECT_EQ(spline.key_at(0.75).first, 2);
+  EXPECT_EQ(spline.place_of(0.75).key, 2);
+  EXPECT_EQ(spline.place_of(0.75).next, 4);
   for (int i = 0; i <= 1000; ++i) {
     const Pose p = spline.at(i / 1000.0);
     ASSERT_LT(orthonormality_error(p.rotation), 1e-9) << i;

@@ -2,7 +2,7 @@
 // tiny-cuda-nn's grid.h): trilinear interpolation of feature rows at L resolutions.
 //
 // Level l has cells of width 1 / scale(l), scale(l) = base * growth^l - 1, and is sampled at
-// x * scale + 0.5. A level whose (resolution + 1)^3 vertices fit into the table is indexed densely,
+// x * scale + 0.5. A level whose resolution^3 vertices fit into the table is indexed densely,
 // a finer one by the hash x ^ y * 2654435761 ^ z * 805459861 modulo the table size (a power of
 // two).
 #pragma once
@@ -29,11 +29,14 @@ struct HashGridShape {
   int features() const { return static_cast<int>(levels.size()) * kGridFeatures; }
 };
 
+// Resolutions that grow geometrically from base to finest (cells across the unit cube), each with a
+// table of at most 2^log2_entries rows. levels >= 1.
 HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
                               double finest_resolution);
 
 // features[f][s] for the kGridFeatures rows of one level. x, y, z: n positions in [0, 1] (clamped);
-// table: the level's rows. n is rounded up to kLane (linear.h).
+// table: the level's rows, aligned to 16 bytes; ld: floats from one feature to the next. n is
+// rounded up to kLane (linear.h).
 void hash_grid_forward(const HashGridLevel& level, const float* table, const float* x,
                        const float* y, const float* z, int64_t n, float* features, int64_t ld);
 

@@ -1,5 +1,5 @@
-// Which instruction set the kernels run on. Chosen once per process at the first kernel call: the
-// best that the processor has, or the one that the environment variable NERF_SIMD names.
+// Which instruction set the kernels run on. Chosen once per process, when the first field is made:
+// the best that the processor has, or the one that the environment variable NERF_SIMD names.
 #pragma once
 
 #include <string>

@@ -75,8 +75,12 @@ class PoseSpline {
   // At least one key. turn_weight > 0.
   PoseSpline(std::span<const Pose> keys, double turn_weight);
   Pose at(double u) const;  // u in [0, 1], first to last key; clamped
-  // Index of a key among those given and the fraction towards the next different one.
-  std::pair<int, double> key_at(double u) const;
+  // Where u stands among the keys given: between `key` and the next one that differs.
+  struct Place {
+    int key = 0, next = 0;
+    double fraction = 0;  // from key to next
+  };
+  Place place_of(double u) const;
   int distinct_keys() const { return static_cast<int>(keys_.size()); }
 
  private:

@@ -15,8 +15,6 @@ inline uint64_t mix64(uint64_t z) {
 }
 
 // A stream keyed by (seed, step, index); successive dimensions are drawn from it.
-__extension__ typedef unsigned __int128 Wide;
-
 class Random {
  public:
   Random(uint64_t seed, uint64_t step, uint64_t index)
@@ -27,6 +25,7 @@ class Random {
   float uniform() { return static_cast<float>(bits() >> 40) * 0x1p-24f; }
   // Uniform in [0, n), n >= 1.
   uint64_t below(uint64_t n) {
+    __extension__ typedef unsigned __int128 Wide;
     return static_cast<uint64_t>((static_cast<Wide>(bits()) * n) >> 64);
   }
 

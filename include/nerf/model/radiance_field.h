@@ -26,8 +26,8 @@ class RadianceField {
   const GridField& grid() const { return *grid_; }
 
   // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both
-  // in input coordinates. Spans of equal length n, rgb of 3n. Points outside the trained region
-  // have density 0.
+  // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the density is 0
+  // outside the trained region and in cells that are known to be empty.
   void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
              std::span<float> density, std::span<float> rgb, ThreadPool& pool) const;
 

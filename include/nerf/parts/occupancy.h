@@ -64,6 +64,8 @@ class OccupancyGrid {
   float thickness(int cascade, int64_t cell) const {
     return thickness_of_level_[levels_[index(cascade, cell)]];
   }
+  // Whether the cell of p may hold matter, as of the last rebuild; false outside all cascades.
+  bool occupied(const Vec3& p) const;
   double occupied_fraction() const { return occupied_fraction_; }
   // Around all occupied bricks; empty where there are none.
   const Box3& occupied_box() const { return occupied_box_; }
