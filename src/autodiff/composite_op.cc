@@ -95,7 +95,6 @@ class HuberLoss : public Operation {
       for (int k = 0; k < 3; ++k) {
         const float e = p[k * lr + r] - t[k * lr + r], a = std::fabs(e);
         sum += a <= delta_ ? e * e : delta_ * (2 * a - delta_);
-        c.squared_error += static_cast<double>(e) * e;
       }
       out[r] = sum * scale[r];
       c.loss += out[r];

@@ -16,7 +16,7 @@ using internal::JsonFields;
 
 // Raise the version whenever a step computes something else than before: a checkpoint continues bit
 // for bit or not at all.
-constexpr internal::ContainerFormat kFormat{"NERFCKPT", 1, "checkpoint"};
+constexpr internal::ContainerFormat kFormat{"NERFCKPT", 2, "checkpoint"};
 
 // Every array that a step reads and the step before wrote. Gradients are zero between steps.
 template <class Trainer, class Visit>
@@ -29,6 +29,8 @@ void visit_arrays(Trainer& t, Visit&& visit) {
   visit("networks_m", t.optimiser.network_m.span());
   visit("networks_v", t.optimiser.network_v.span());
   visit("opacity", t.field.occupancy.training_state());
+  visit("pixel_errors", t.errors.errors());
+  visit("pixel_chances", t.errors.chances());
 }
 constexpr const char* kLevels = "occupancy";  // as of its last rebuild
 

@@ -10,7 +10,7 @@
 namespace nerf {
 
 PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
-    : photos_(photos), views_(scene.train), near_(scene.near), far_(1e30), alpha_(scene.alpha) {
+    : photos_(photos), views_(scene.train), near_(scene.near) {
   pixels_before_.push_back(0);
   for (int v : views_) {
     const Photo& p = photos.photos[static_cast<size_t>(v)];
@@ -29,27 +29,40 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
 }
 
 bool PixelSource::draw(Random& random, Pixel& out) const {
-  return locate(random, out) && read(out);
+  return locate(random, nullptr, out) && read(out);
 }
 
-bool PixelSource::locate(Random& random, Pixel& out) const {
+// A place in one of the photos; returns which of them.
+size_t PixelSource::choose(Random& random, Pixel& out) const {
   const uint64_t at = random.below(pixels_before_.back());
   const size_t i =
       static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
                           pixels_before_.begin() - 1);
+  out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
+  const uint64_t pixel = at - pixels_before_[i], width = static_cast<uint64_t>(out.photo->width);
+  out.x = static_cast<int>(pixel % width);
+  out.y = static_cast<int>(pixel / width);
+  return i;
+}
+
+bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out) const {
+  constexpr int kMostTries = 16;  // bounds the time where nearly everything is learnt
+  size_t i = choose(random, out);
+  if (errors && !errors->keeps_all()) {
+    for (int tries = 1;; ++tries) {
+      out.tile = errors->tile_of(i, out.x, out.y);
+      if (tries == kMostTries || random.uniform() < errors->chance(out.tile)) break;
+      i = choose(random, out);
+    }
+  }
   const size_t view = static_cast<size_t>(views_[i]);
-  const Photo& photo = photos_.photos[view];
-  const uint64_t pixel = at - pixels_before_[i];
-  out.photo = &photo;
-  out.x = static_cast<int>(pixel % static_cast<uint64_t>(photo.width));
-  out.y = static_cast<int>(pixel / static_cast<uint64_t>(photo.width));
+  const Photo& photo = *out.photo;
   photo.prefetch(out.x, out.y);
   const auto direction = unproject(photos_.cameras[view], {out.x + 0.5, out.y + 0.5});
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
   out.ray.direction = normalized(poses_[i].rotation * *direction);
   out.ray.near = near_;
-  out.ray.far = far_;
   return true;
 }
 
@@ -77,10 +90,12 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   direction = AlignedArray<float>(r);
   background = AlignedArray<float>(r);
   target = AlignedArray<float>(r);
+  tile.resize(static_cast<size_t>(max) * kChunkRays);
 }
 
-RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, ThreadPool& pool)
-    : source_(source), field_(field), pool_(pool) {
+RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
+                             const GridField& field, ThreadPool& pool)
+    : source_(source), errors_(errors), field_(field), pool_(pool) {
   for (int i = 0; i < pool.size(); ++i)
     samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
   scratch_.resize(static_cast<size_t>(pool.size()));
@@ -99,7 +114,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   PixelSource::Pixel pixels[kBlock];
   for (int i = 0; i < drawn; ++i) {
     Random random(seed, static_cast<uint64_t>(step), static_cast<uint64_t>(index * kBlock + i));
-    if (source_.locate(random, pixels[i])) randoms[i] = random;
+    if (source_.locate(random, &errors_, pixels[i])) randoms[i] = random;
   }
   for (int i = 0; i < kBlock; ++i) {
     RayRecord& record = block.rays[i];
@@ -108,12 +123,13 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     Random& random = *randoms[i];
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
+    record.tile = pixel.tile;
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = random.uniform();
       record.direction[k] = static_cast<float>(pixel.ray.direction[k]);
       record.target[k] = pixel.rgb[k] * pixel.alpha + record.background[k] * (1 - pixel.alpha);
-      const double e = record.background[k] - record.target[k];
+      const float e = record.background[k] - record.target[k];
       record.squared_error += e * e;
     }
     const bool follow_cache = random.uniform() >= kUncachedShare;
@@ -148,6 +164,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);
+    batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];
@@ -156,7 +173,9 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
   }
 }
 
-void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& batch) {
+void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, float samples_per_cell,
+                         RayBatch& batch) {
+  for (RaySampler& sampler : samplers_) sampler.set_samples_per_cell(samples_per_cell);
   const int64_t blocks = (rays + kBlock - 1) / kBlock;
   if (static_cast<int64_t>(blocks_.size()) < blocks) blocks_.resize(static_cast<size_t>(blocks));
   pool_.parallel_for_thread(
@@ -165,7 +184,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& ba
   // Whole rays into chunks, in order, until the batch is full.
   batch.chunks = 1;
   batch.rays_considered = batch.total_samples = 0;
-  batch.empty_squared_error = 0;
+  batch.empty_rays.clear();
   int samples = 0, count = 0;
   const auto begin_of = [&](int chunk) {
     return batch.ray_begin.data() + static_cast<size_t>(chunk) * (kChunkRays + 1);
@@ -191,7 +210,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& ba
       }
       ++batch.rays_considered;
       if (r.count == 0) {
-        batch.empty_squared_error += r.squared_error;
+        batch.empty_rays.push_back({r.tile, r.squared_error});
         continue;
       }
       r.chunk = batch.chunks - 1;

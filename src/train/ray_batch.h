@@ -11,6 +11,7 @@
 #include "nerf/math/random.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
+#include "train/error_map.h"
 
 namespace nerf {
 
@@ -25,23 +26,25 @@ class PixelSource {
     float alpha;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
+    int32_t tile = 0;  // of the error map
   };
   // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
   // no ray for it (the draw then counts as nothing).
   bool draw(Random& random, Pixel& out) const;
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
-  // finds photo and place and asks for the bytes, the second reads colour and mask.
-  bool locate(Random& random, Pixel& out) const;
+  // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
+  // second reads colour and mask.
+  bool locate(Random& random, const ErrorMap* errors, Pixel& out) const;
   bool read(Pixel& out) const;
-  bool has_alpha() const { return alpha_; }
 
  private:
+  size_t choose(Random& random, Pixel& out) const;
+
   const PhotoSet& photos_;
   std::vector<int> views_;
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
-  double near_, far_;
-  bool alpha_;
+  double near_;
 };
 
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,
@@ -58,10 +61,15 @@ struct RayBatch {
   std::vector<int> samples, rays;                     // of each chunk
   std::vector<int32_t> ray_begin;                     // of each chunk, kChunkRays + 1 entries
   AlignedArray<float> direction, background, target;  // [chunk][3][kChunkRays]
+  std::vector<int32_t> tile;                          // of the error map, [chunk][kChunkRays]
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
-  double empty_squared_error = 0;  // of the rays that met no matter, summed over channels
+  struct EmptyRay {
+    int32_t tile;
+    float squared_error;  // summed over channels
+  };
+  std::vector<EmptyRay> empty_rays;  // those that met no matter
 
   float* direction_of(int chunk) { return direction.data() + int64_t{chunk} * 3 * kChunkRays; }
   float* background_of(int chunk) { return background.data() + int64_t{chunk} * 3 * kChunkRays; }
@@ -71,15 +79,17 @@ struct RayBatch {
 // Draws `rays` rays of the step and fills the batch until it is full.
 class RayBatchMaker {
  public:
-  RayBatchMaker(const PixelSource& source, const GridField& field, ThreadPool& pool);
-  void fill(uint64_t seed, int64_t step, int64_t rays, RayBatch& batch);
+  RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
+                ThreadPool& pool);
+  void fill(uint64_t seed, int64_t step, int64_t rays, float samples_per_cell, RayBatch& batch);
 
  private:
   struct RayRecord {
     int block_begin = 0, count = 0;  // samples in the block's arrays
     bool valid = false;
     float direction[3], background[3], target[3];
-    double squared_error = 0;  // against the background alone
+    float squared_error = 0;  // against the background alone
+    int32_t tile = 0;
     int chunk = -1, ray = 0, offset = 0;
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
@@ -92,6 +102,7 @@ class RayBatchMaker {
   void copy_block(Block& block, RayBatch& batch);
 
   const PixelSource& source_;
+  const ErrorMap& errors_;
   const GridField& field_;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread

@@ -33,6 +33,12 @@ class Lap {
   double last_ = seconds();
 };
 
+// A program may have filled the options in without any check; the arrays rely on their limits.
+TrainOptions validated(TrainOptions options) {
+  validate_options(options, "TrainOptions");
+  return options;
+}
+
 int cascades_of(const Scene& scene) {
   int c = 1;
   while (scene.unbounded && c < 8 && std::ldexp(1.0, c - 1) < scene.far) ++c;
@@ -60,7 +66,8 @@ Trainer::Impl::Impl(const Scene& s, const PhotoSet& p, const TrainOptions& o, Th
       optimiser(field),
       tape(field, /*training=*/true, static_cast<float>(o.huber_delta)),
       source(s, p),
-      maker(source, field, t),
+      errors(p, s.train, static_cast<float>(o.error_guidance)),
+      maker(source, errors, field, t),
       batch(std::max(1, o.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<float>(columns * static_cast<size_t>(field.shape.features()));
@@ -69,7 +76,7 @@ Trainer::Impl::Impl(const Scene& s, const PhotoSet& p, const TrainOptions& o, Th
   for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
   for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
-  chunk_squared_error.resize(static_cast<size_t>(batch.max_chunks));
+  ray_errors.resize(batch.tile.size());
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
   bias_corrections(AdamStep(), corrections.data());
@@ -89,13 +96,22 @@ void Trainer::Impl::initialise() {
   field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
 }
 
-float Trainer::Impl::rate_at(int64_t step) const {
+double Trainer::Impl::progress_at(int64_t step) const {
   const double total = static_cast<double>(std::max<int64_t>(options.steps, 1));
-  const double done_share = std::min(1.0, static_cast<double>(step) / total);
-  const double at = std::max(0.0, done_share - options.hold) / (1 - options.hold);
+  const double share = std::min(1.0, static_cast<double>(step) / total);
+  return std::max(0.0, share - options.hold) / (1 - options.hold);
+}
+
+float Trainer::Impl::rate_at(int64_t step) const {
   const double rise =
       std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
-  return static_cast<float>(options.rate * rate_factor * rise * std::pow(options.final_rate, at));
+  return static_cast<float>(options.rate * rate_factor * rise *
+                            std::lerp(1.0, options.final_rate, progress_at(step)));
+}
+
+float Trainer::Impl::samples_per_cell_at(int64_t step) const {
+  return options.grid.sampler.samples_per_cell *
+         static_cast<float>(std::lerp(options.early_samples, 1.0, progress_at(step)));
 }
 
 StepReport Trainer::Impl::step() {
@@ -104,7 +120,7 @@ StepReport Trainer::Impl::step() {
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
-  maker.fill(seed, done, rays, batch);
+  maker.fill(seed, done, rays, samples_per_cell_at(done), batch);
   lap.into(profile.rays);
 
   // Level by level over all chunks: a level's table stays in cache.
@@ -127,20 +143,18 @@ StepReport Trainer::Impl::step() {
   lap.into(profile.encode);
   run_chunks();
   lap.into(profile.network);
-  scatter();
-  lap.into(profile.scatter);
 
   StepReport report;
-  double squared = batch.empty_squared_error;
   for (int c = 0; c < batch.chunks; ++c) {
     report.loss += chunk_loss[static_cast<size_t>(c)];
-    squared += chunk_squared_error[static_cast<size_t>(c)];
     report.opacity += chunk_opacity[static_cast<size_t>(c)];
   }
-  const double values = 3.0 * static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
-  check_loss(report.loss + squared);
-  report.opacity /= values / 3;
-  report.psnr = -10 * std::log10(std::max(squared / values, 1e-10));
+  const double squared_error = mean_squared_error();
+  check_loss(report.loss + squared_error);
+  report.opacity /= static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
+  report.psnr = -10 * std::log10(std::max(squared_error, 1e-10));
+  scatter();
+  lap.into(profile.scatter);
   report.rays = batch.rays_considered;
   report.samples = batch.total_samples;
   report.rate = rate_at(done);
@@ -175,7 +189,7 @@ void Trainer::Impl::run_chunks() {
       chunk.samples = batch.samples[i];
       chunk.rays = batch.rays[i];
       chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
-      chunk.loss = chunk.squared_error = 0;
+      chunk.loss = 0;
       const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(float);
       std::memcpy(chunk.data(tape.features), features.data() + c * rows * ld, bytes);
       std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(float));
@@ -189,8 +203,18 @@ void Trainer::Impl::run_chunks() {
       std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
       chunk_loss[i] = chunk.loss;
-      chunk_squared_error[i] = chunk.squared_error;
-      const float* opacity = chunk.data(tape.image.pixel) + 3 * chunk.stride(tape.image.pixel);
+      const int64_t lr = chunk.stride(tape.image.pixel);
+      const float* pixel = chunk.data(tape.image.pixel);
+      const float* target = chunk.data(tape.target);
+      for (int r = 0; r < chunk.rays; ++r) {
+        float sum = 0;
+        for (int k = 0; k < 3; ++k) {
+          const float e = pixel[k * lr + r] - target[k * lr + r];
+          sum += e * e;
+        }
+        ray_errors[i * kChunkRays + static_cast<size_t>(r)] = sum;
+      }
+      const float* opacity = pixel + 3 * lr;
       chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
     }
   });
@@ -200,12 +224,10 @@ void Trainer::Impl::scatter() {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
-  // are the dearest. The occupancy's cells have one owner as well.
-  pool.parallel_for(levels + 1, [&](int64_t i) {
-    if (i == levels) {
-      observe_samples();
-      return;
-    }
+  // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
+  pool.parallel_for(levels + 2, [&](int64_t i) {
+    if (i == levels) return observe_samples();
+    if (i > levels) return observe_errors();
     const int64_t l = levels - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     for (int64_t c = 0; c < batch.chunks; ++c) {
@@ -230,6 +252,36 @@ void Trainer::Impl::observe_samples() {
       field.occupancy.observe(static_cast<int>(cell / cells), cell % cells, seen);
     }
   }
+}
+
+void Trainer::Impl::observe_errors() {
+  constexpr int64_t kInterval = 64;
+  if (errors.keeps_all()) return;
+  for (const RayBatch::EmptyRay& ray : batch.empty_rays)
+    errors.observe(ray.tile, ray.squared_error);
+  for (int c = 0; c < batch.chunks; ++c) {
+    const size_t first = static_cast<size_t>(c) * kChunkRays;
+    for (size_t i = first; i < first + static_cast<size_t>(batch.rays[static_cast<size_t>(c)]); ++i)
+      errors.observe(batch.tile[i], ray_errors[i]);
+  }
+  if ((done + 1) % kInterval == 0) errors.refresh();
+}
+
+// Each ray stands for the pixels that were passed over on the way to it.
+double Trainer::Impl::mean_squared_error() const {
+  double sum = 0, pixels = 0;
+  const auto add = [&](int32_t tile, float squared_error) {
+    const double weight = errors.keeps_all() ? 1 : 1 / static_cast<double>(errors.chance(tile));
+    sum += weight * static_cast<double>(squared_error);
+    pixels += weight;
+  };
+  for (const RayBatch::EmptyRay& ray : batch.empty_rays) add(ray.tile, ray.squared_error);
+  for (int c = 0; c < batch.chunks; ++c) {
+    const size_t first = static_cast<size_t>(c) * kChunkRays;
+    for (size_t i = first; i < first + static_cast<size_t>(batch.rays[static_cast<size_t>(c)]); ++i)
+      add(batch.tile[i], ray_errors[i]);
+  }
+  return sum / (3 * std::max(pixels, 1.0));
 }
 
 void Trainer::Impl::update(float rate) {
@@ -311,7 +363,7 @@ void Trainer::Impl::refresh_occupancy() {
 
 Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
                  ThreadPool& pool)
-    : impl_(std::make_unique<Impl>(scene, photos, options, pool)) {}
+    : impl_(std::make_unique<Impl>(scene, photos, validated(options), pool)) {}
 Trainer::~Trainer() = default;
 
 StepReport Trainer::step() { return impl_->step(); }
@@ -353,6 +405,7 @@ void Trainer::restart(uint64_t salt, double rate_factor) {
   t.done = 0;
   t.samples_per_ray = 16;
   t.optimiser = OptimiserState(t.field);
+  t.errors.reset();
   t.field.occupancy = OccupancyGrid(t.field.occupancy.cascades(), t.field.occupancy.side());
   t.initialise();
 }

@@ -28,10 +28,16 @@ struct Trainer::Impl {
   static constexpr int kAccumulators = 32;
 
   StepReport step();
+  // 0 during the hold, then linearly to 1 at the end of the plan.
+  double progress_at(int64_t step) const;
   float rate_at(int64_t step) const;
+  float samples_per_cell_at(int64_t step) const;
   void run_chunks();
   void scatter();
   void observe_samples();
+  void observe_errors();
+  // Mean squared error over the photos' pixels, from the step's rays.
+  double mean_squared_error() const;
   void update(float rate);
   // Throw NonFiniteError that names the step and what is not finite (health.cc).
   void check_loss(double loss) const;
@@ -51,12 +57,14 @@ struct Trainer::Impl {
   std::vector<float> corrections;
 
   PixelSource source;
+  ErrorMap errors;
   RayBatchMaker maker;
   RayBatch batch;
   AlignedArray<float> features, d_features;  // [chunk][4 L][kChunkSamples]
   AlignedArray<float> densities;             // [chunk][kChunkSamples]
   std::vector<AlignedArray<float>> accumulators;
-  std::vector<double> chunk_loss, chunk_squared_error, chunk_opacity;
+  std::vector<float> ray_errors;  // squared, summed over channels; [chunk][kChunkRays]
+  std::vector<double> chunk_loss, chunk_opacity;
 
   // State of the run besides the arrays above.
   int64_t done = 0;

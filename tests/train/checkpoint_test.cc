@@ -153,7 +153,7 @@ TEST_F(CheckpointErrors, OtherOptionsAreNamedButThePlanComesFromTheFile) {
 
 TEST_F(CheckpointErrors, AnotherVersionHasItsOwnMessage) {
   EXPECT_TRUE(contains(loading_changed([](auto& b) { b[8] = 9; }),
-                       "checkpoint of version 9; this program reads version 1"));
+                       "checkpoint of version 9; this program reads version 2"));
 }
 
 TEST_F(CheckpointErrors, DamageIsFound) {

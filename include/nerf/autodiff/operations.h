@@ -49,7 +49,7 @@ Composite composite(Tape& tape, Value density, Value colour, Value delta, Value 
 
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the
 // chunk and times `scale` (1 / (3 rays of the step)); for |r| <= delta it equals r^2. Adds to
-// Chunk::loss (scaled) and Chunk::squared_error (sum over channels, unscaled).
+// Chunk::loss.
 Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta);
 
 }  // namespace nerf

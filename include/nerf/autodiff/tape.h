@@ -38,8 +38,7 @@ struct Chunk {
   int samples = 0, rays = 0;         // columns in use
   const int32_t* ray_begin =
       nullptr;      // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
-  double loss = 0;  // added to by loss operations, and so is the next
-  double squared_error = 0;
+  double loss = 0;  // added to by loss operations
 
   float* data(Value v);
   const float* data(Value v) const;

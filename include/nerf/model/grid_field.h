@@ -20,7 +20,7 @@ namespace nerf {
 
 struct GridOptions {
   int levels = 10;
-  int log2_entries = 18;
+  int log2_entries = 19;
   int base_resolution = 16;
   int finest_resolution = 2048;
   int hidden = 64;
@@ -107,7 +107,7 @@ struct GridTape {
   Value colour = 0;             // out: [3 x samples]
   Composite image{};            // out
 
-  GridTape(const GridField& field, bool training, float huber_delta = 0.1f);
+  GridTape(const GridField& field, bool training, float huber_delta = 0.5f);
 
   // Only what density needs.
   void forward_density(Chunk& chunk) const { tape.forward(chunk, density_operations_); }
@@ -118,7 +118,8 @@ struct GridTape {
   size_t density_operations_ = 0, field_operations_ = 0;
 };
 
-// Encodes a chunk's positions (grid coordinates) at every level: features [4 L x ld].
+// Encodes a chunk's positions (grid coordinates) at every level: features [4 L x ld]. x, y and z
+// are read up to the next multiple of kLane.
 void encode(const GridField& field, const float* x, const float* y, const float* z, int64_t n,
             float* features, int64_t ld);
 

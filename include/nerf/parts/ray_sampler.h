@@ -25,7 +25,7 @@ bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1);
 struct SamplerOptions {
   int max_samples = 32;           // per ray
   int min_samples = 2;            // of a ray that meets any matter
-  float samples_per_cell = 1.0f;  // of the effective number of cells that a ray's light comes from
+  float samples_per_cell = 3.0f;  // of the effective number of cells that a ray's light comes from
   float uniform_share = 1.0f;     // drawn over all occupied cells, whatever the cache says
   float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
 };
@@ -51,6 +51,8 @@ class RaySampler {
   // Returns their number (0: the ray meets no matter). Positions are entry() + t * direction.
   // Without `follow_cache` every occupied cell of the ray is sampled alike, up to its end.
   int sample(const Ray& ray, Random* random, bool follow_cache, RaySamples& out);
+
+  void set_samples_per_cell(float samples) { options_.samples_per_cell = samples; }
 
   // Every occupied cell of the ray cut into `per_cell` equal intervals: the quadrature with nothing
   // skipped, however many samples it takes.

@@ -22,21 +22,23 @@ namespace nerf {
 struct TrainOptions {
   uint64_t seed = 1;
   int64_t steps = 0;            // planned length: the rate falls over it
-  int batch_samples = 1 << 15;  // network samples of a step
+  int batch_samples = 1 << 16;  // network samples of a step
   double rate = 2e-2;           // of the tables
   double network_rate = 1;      // of the networks, as a share of `rate`
-  double final_rate = 0.05;     // of the last step, as a share of `rate`
+  double final_rate = 0.02;     // of the last step, as a share of `rate`
   int warmup_steps = 64;        // over which the rate rises
-  double hold = 0.1;            // share of the steps before the rate begins to fall
+  double hold = 0.1;            // share of the steps before the rate begins to fall, linearly
   double huber_delta = 0.5;
   double network_l2 = 1e-6;
+  double early_samples = 1.0 / 3;     // of the first steps, as a share of samples_per_cell
+  double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
   double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
   GridOptions grid;
 
   template <class V>
   void visit_options(V& v) {
     v("seed", seed, "of every random number");
-    v("steps", steps, "length of the training; the rate falls over it", at_least(0));
+    v("steps", steps, "length of the training; the step size falls over it", at_least(0));
     v("batch_samples", batch_samples, "network samples of a step", at_least(960), at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
     v("network_rate", network_rate, "step size of the networks, as a share of the tables'",
@@ -51,6 +53,14 @@ struct TrainOptions {
       at_least(0), at_most(0.9));
     v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
     v("network_l2", network_l2, "weight decay of the networks", at_least(0));
+    v("early_samples", early_samples,
+      "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
+      "steps take: many rays first, exact ones later",
+      above(0), at_most(1));
+    v("error_guidance", error_guidance,
+      "how far pixels are drawn where the photos are not learnt yet: 0 uniformly, 1 by the root of "
+      "the error alone",
+      at_least(0), at_most(1));
     v("occupancy_threshold", occupancy_threshold,
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
     v("grid", grid, "field");
@@ -59,8 +69,8 @@ struct TrainOptions {
 
 struct StepReport {
   int64_t step = 0;     // steps done
-  double loss = 0;      // mean over rays and channels
-  double psnr = 0;      // of the step's rays, dB
+  double loss = 0;      // mean over rays and channels; 0 for rays that meet no matter
+  double psnr = 0;      // of all photos' pixels, estimated from the step's rays; dB
   int64_t rays = 0;     // of this step
   int64_t samples = 0;  // network samples of this step: forward and backward
   double opacity = 0;   // mean over the step's rays
@@ -82,7 +92,8 @@ struct TrainProfile {
 
 class Trainer {
  public:
-  // The scene and the photos must outlive the trainer.
+  // The scene and the photos must outlive the trainer. Throws Error for options outside their
+  // limits and for photos that leave no pixel to train on.
   Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
           ThreadPool& pool);
   ~Trainer();
@@ -109,7 +120,8 @@ class Trainer {
 
   // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
   // returns. Loading throws Error for a damaged file, another version, another scene (names, sizes,
-  // cameras, split) and options that differ in anything but `steps`, which becomes the file's.
+  // cameras, split) and options that differ in anything but `steps`, which becomes the file's;
+  // after an Error the trainer must be restarted. `run_state` is UTF-8.
   void save_checkpoint(const std::filesystem::path& path, const std::string& run_state = "") const;
   std::string load_checkpoint(const std::filesystem::path& path);
 
