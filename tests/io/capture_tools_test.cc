@@ -251,7 +251,7 @@ float corner(double camera_x, int px, int py, int c) {
 }
 
 TEST(RealColmap, PlacesPhotosOfAMadeUpRoom) {
-  if (!find_program("colmap")) GTEST_SKIP() << "colmap is not installed";
+  ASSERT_TRUE(find_program("colmap")) << "scripts/install-deps installs it";
   const TempFolder folder;
   fs::create_directory(folder / "photos");
   for (int i = 0; i < 6; ++i) {
