@@ -4,13 +4,16 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
 #include <memory>
 #include <new>
+#include <string_view>
 
 #include "nerf/base/error.h"
 #include "nerf/kernels/simd.h"
@@ -57,6 +60,17 @@ std::string one_line(const std::string& text) {
   return line;
 }
 
+std::string shell_quoted(const std::string& text) {
+  const auto plain = [](unsigned char c) {
+    return std::isalnum(c) ||
+           std::string_view("-_./,=:+@%").find(static_cast<char>(c)) != std::string_view::npos;
+  };
+  if (!text.empty() && std::all_of(text.begin(), text.end(), plain)) return text;
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return out + "'";
+}
+
 int run_main(const std::string& program, const std::function<int()>& body) {
   const char* name = program.c_str();
   try {
@@ -98,11 +112,13 @@ SignalCancel::~SignalCancel() {
 
 int SignalCancel::signal() const { return signal_number; }
 
+std::string version_text(const std::string& program) { return program + " " NERF_VERSION; }
+
 void log_info(const std::string& text) { spdlog::info("{}", text); }
 void log_warning(const std::string& text) { spdlog::warn("warning: {}", text); }
 
 void log_machine(const std::string& program, int threads, const std::string& precision) {
-  log_info(fmt::format("{} {}: {}, {} thread{}, {}", program, NERF_VERSION, simd_target(), threads,
+  log_info(fmt::format("{}: {}, {} thread{}, {}", version_text(program), simd_target(), threads,
                        threads == 1 ? "" : "s", precision));
 }
 

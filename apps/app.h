@@ -20,6 +20,9 @@ int run_main(const std::string& program, const std::function<int()>& body);
 // `text` on one line: control characters, line breaks among them, become spaces.
 std::string one_line(const std::string& text);
 
+// `text` as one word of a shell's command line.
+std::string shell_quoted(const std::string& text);
+
 // While it lives, the first SIGINT or SIGTERM requests the cancel, and a second one ends the
 // program at once. One at a time.
 class SignalCancel {
@@ -38,6 +41,9 @@ class SignalCancel {
  private:
   Cancel cancel_;
 };
+
+// "program 0.1.0", the answer to --version.
+std::string version_text(const std::string& program);
 
 // Lines for the user on stderr, through spdlog; a warning gets "warning: " in front.
 void log_info(const std::string& text);

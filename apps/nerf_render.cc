@@ -4,7 +4,6 @@
 #include "app.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
-#include "nerf/base/process.h"
 #include "nerf/base/progress.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/video.h"
@@ -20,7 +19,7 @@ namespace {
 
 // What would make the video fail is found before the frames are rendered, not after.
 void check_video(const std::filesystem::path& mp4) {
-  require_program("ffmpeg", "ffmpeg", "writes films");
+  check_video_tools();
   if (std::filesystem::is_directory(mp4)) throw Error("this is a folder", mp4.string());
   const auto folder = mp4.parent_path();
   make_writable_folder(folder.empty() ? "." : folder);

@@ -40,6 +40,21 @@ void complete(TrainCommand& command, const std::set<std::string>& given, const R
   if (!command.minutes && command.train.steps == 0) command.minutes = kDefaultMinutes;
 }
 
+// Code, libraries and what they keep.
+constexpr uint64_t kProgramBytes = uint64_t{32} << 20;
+
+// Of a held-out photo after --downscale.
+uint64_t most_pixels(const Scene& scene) {
+  uint64_t most = 0;
+  for (const int v : scene.test) {
+    const size_t camera = static_cast<size_t>(scene.views[static_cast<size_t>(v)].camera);
+    const Camera& c = scene.cameras[camera];
+    most = std::max(most, static_cast<uint64_t>(c.width) * static_cast<uint64_t>(c.height));
+  }
+  const uint64_t divided = static_cast<uint64_t>(scene.options.downscale);
+  return most / (divided * divided);
+}
+
 Scene read_scene(const TrainCommand& command, const ThreadPool& pool, const SignalCancel& stop) {
   const auto progress = [&](const std::string& line) {
     throw_if_stopped(stop);
@@ -47,10 +62,9 @@ Scene read_scene(const TrainCommand& command, const ThreadPool& pool, const Sign
   };
   Scene scene = load_scene(command.scene, command.scene_options(), progress, &stop.cancel());
   throw_if_stopped(stop);
-  // The scene's estimate is that of the default options.
-  const uint64_t own = training_memory_bytes(command.train, pool.size());
-  const uint64_t usual = training_memory_bytes(TrainOptions(), pool.size());
-  if (own > usual) scene.report.memory_estimate_bytes += own - usual;
+  scene.report.memory_estimate_bytes +=
+      kProgramBytes + training_memory_bytes(command.train, scene.unbounded, pool.size()) +
+      evaluation_memory_bytes(most_pixels(scene));
   log_lines(format_report(scene.report));
   const uint64_t needed = scene.report.memory_estimate_bytes;
   const uint64_t limit = available_memory_bytes();
@@ -70,7 +84,7 @@ PhotoSet decode(const Scene& scene, ThreadPool& pool, const SignalCancel& stop) 
     progress.update(static_cast<double>(done) / total, fmt::format("{}/{} photos", done, total));
   });
   progress.finish();
-  if (photos.fraction_masked > 0)
+  if (scene.report.masks > 0)
     log_info(fmt::format("{:.1f} % of all pixels are masked out", 100 * photos.fraction_masked));
   return photos;
 }
@@ -114,6 +128,8 @@ class Training {
     summary_.run =
         run_training(trainer_, options, callbacks, folder_.checkpoint(), resume, &stop_.cancel());
     progress_.finish();
+    if (!summary_.run.cancelled && !scene_.test.empty())
+      add_to_metrics(summary_.run.train_seconds, summary_.evaluation);
     return summary_.run.cancelled ? leave_stopped() : finish();
   }
 
@@ -167,13 +183,20 @@ class Training {
         },
         &stop_.cancel());
     progress.clear();
-    if (last) summary_.evaluation = e;
+    if (last) {
+      summary_.evaluation = e;  // its line is written when the run's clock is known
+      return;
+    }
+    add_to_metrics(last_.train_seconds, e);
+    log_info(fmt::format("step {}: PSNR {:.2f} dB, SSIM {:.4f} on {} held-out view{}",
+                         trainer_.steps_done(), e.psnr, e.ssim, e.counted,
+                         e.counted == 1 ? "" : "s"));
+  }
+
+  void add_to_metrics(double train_seconds, const Evaluation& e) {
     const int64_t step = trainer_.steps_done();
     if (!metrics_) metrics_.emplace(folder_.metrics(), step);  // resumed when all was done
-    metrics_->add_evaluation(step, last_.train_seconds, e);
-    if (!last)
-      log_info(fmt::format("step {}: PSNR {:.2f} dB, SSIM {:.4f} on {} held-out view{}", step,
-                           e.psnr, e.ssim, e.counted, e.counted == 1 ? "" : "s"));
+    metrics_->add_evaluation(step, train_seconds, e);
   }
 
   int leave_stopped() {
@@ -183,7 +206,7 @@ class Training {
         fmt::format("stopped by {} at step {}{}; checkpoint and model are saved; to go on: "
                     "nerf_train -o {} --resume",
                     stop_.signal() == SIGINT ? "SIGINT" : "SIGTERM", summary_.run.steps, of,
-                    folder_.path().string()));
+                    shell_quoted(folder_.path().string())));
     return stop_.exit_code();
   }
 
@@ -223,6 +246,7 @@ int train_main(int argc, char** argv) {
   TrainCommand command;
   const CommandLine line = parse_command_line(argc, argv, train_program_text(), command);
   if (line.exit) return kExitOk;
+  check_given(command, line.given);
   const SignalCancel stop;
   ThreadPool pool(command.threads);
   log_machine("nerf_train", pool.size(), "f32");
@@ -230,9 +254,10 @@ int train_main(int argc, char** argv) {
   if (command.out.empty()) command.out = default_run_folder(command.scene);
   RunFolder folder(command.out, command.resume, command.overwrite);
   complete(command, line.given, folder);
-  Scene scene = read_scene(command, pool, stop);
+  const Scene scene = read_scene(command, pool, stop);
+  for (const std::string& warning : unused_options(command, line.given, scene.options.format))
+    log_warning(warning);
   const PhotoSet photos = decode(scene, pool, stop);
-  scene.report.fraction_masked = photos.fraction_masked;
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();
 }

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <map>
 
+#include "app.h"
 #include "nerf/base/nearest_name.h"
 
 namespace nerf::apps {
@@ -161,7 +162,7 @@ CommandLine parse_fields(int argc, const char* const* argv, const ProgramText& t
   app.get_formatter()->column_width(kNameColumns);
   app.footer(text.footer);
   app.set_help_flag("-h,--help", "print this and leave");
-  app.set_version_flag("--version", text.name + " " NERF_VERSION, "print the version and leave");
+  app.set_version_flag("--version", version_text(text.name), "print the version and leave");
   for (const OptionField& field : fields) add_field(app, field, result);
   try {
     app.parse(argc, argv);

@@ -6,8 +6,10 @@
 #include <cmath>
 #include <set>
 
+#include "app.h"
 #include "nerf/base/error.h"
 #include "nerf/base/nearest_name.h"
+#include "nerf/base/text.h"
 #include "nerf/io/camera_path.h"
 
 namespace nerf::apps {
@@ -106,7 +108,7 @@ fs::path find_model_file(const fs::path& run) {
   fs::path model = run / "model.nerf";
   if (!fs::exists(model, error))
     throw Error("there is no model.nerf in this folder", run.string(),
-                "train one with: nerf_train SCENE -o " + run.string());
+                "train one with: nerf_train SCENE -o " + shell_quoted(run.string()));
   return model;
 }
 
@@ -115,7 +117,7 @@ fs::path picture_file(const std::string& view_name) {
   for (const fs::path& part : fs::path(view_name).relative_path())
     if (!part.empty() && part != ".." && part != ".") file /= part;
   if (file.empty()) file = "view";
-  return file.replace_extension(".png");
+  return file.replace_filename(shortened(file.stem().string(), kLongestFileStem) + ".png");
 }
 
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,

@@ -22,6 +22,15 @@ std::string dump(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
+Json view_scores(const Evaluation& e) {
+  Json views = Json::array();
+  for (const ViewScore& v : e.views)
+    views.push_back({{"name", v.name},
+                     {"psnr", v.psnr ? Json(*v.psnr) : Json()},
+                     {"ssim", v.ssim ? Json(*v.ssim) : Json()}});
+  return views;
+}
+
 }  // namespace
 
 RunFolder::RunFolder(fs::path path, bool resume, bool overwrite) : path_(std::move(path)) {
@@ -43,7 +52,8 @@ RunFolder::RunFolder(fs::path path, bool resume, bool overwrite) : path_(std::mo
 RunFolder::~RunFolder() {
   if (keep_) return;
   std::error_code ignored;
-  for (auto p = created_.rbegin(); p != created_.rend(); ++p) fs::remove(*p, ignored);  // if empty
+  fs::remove(capture(), ignored);  // if empty, here and below
+  for (auto p = created_.rbegin(); p != created_.rend(); ++p) fs::remove(*p, ignored);
 }
 
 bool RunFolder::has_checkpoint() const {
@@ -114,16 +124,12 @@ void MetricsFile::add_evaluation(int64_t step, double train_seconds, const Evalu
                    {"psnr", e.psnr},
                    {"ssim", e.ssim},
                    {"views", e.counted},
-                   {"evaluation_seconds", e.seconds}}));
+                   {"evaluation_seconds", e.seconds},
+                   {"per_view", view_scores(e)}}));
 }
 
 void write_result(const fs::path& path, const RunSummary& s) {
   const bool measured = s.evaluation.counted > 0;
-  Json views = Json::array();
-  for (const ViewScore& v : s.evaluation.views)
-    views.push_back({{"name", v.name},
-                     {"psnr", v.psnr ? Json(*v.psnr) : Json()},
-                     {"ssim", v.ssim ? Json(*v.ssim) : Json()}});
   write_file_atomically(path, dump(Json{{"scene", s.scene},
                                         {"psnr", measured ? Json(s.evaluation.psnr) : Json()},
                                         {"ssim", measured ? Json(s.evaluation.ssim) : Json()},
@@ -140,7 +146,7 @@ void write_result(const fs::path& path, const RunSummary& s) {
                                         {"seed", s.seed},
                                         {"threads", s.threads},
                                         {"simd", simd_target()},
-                                        {"views", views}},
+                                        {"views", view_scores(s.evaluation)}},
                                    2));
 }
 

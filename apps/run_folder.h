@@ -11,6 +11,8 @@
 
 namespace nerf::apps {
 
+inline constexpr const char* kCaptureFolder = "capture";
+
 // The folder of a run. Created by the constructor where it is missing; one that was created for
 // nothing is removed again by the destructor, unless keep() was called.
 class RunFolder {
@@ -30,6 +32,8 @@ class RunFolder {
   std::filesystem::path model() const { return path_ / "model.nerf"; }
   std::filesystem::path checkpoint() const { return path_ / "checkpoint.nerf"; }
   std::filesystem::path pictures() const { return path_ / "eval"; }
+  // Where the cameras of photos and the frames of a video are worked out.
+  std::filesystem::path capture() const { return path_ / kCaptureFolder; }
 
   bool has_checkpoint() const;
   // Removes what an earlier run left (where there was one), nothing else.

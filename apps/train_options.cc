@@ -4,6 +4,10 @@
 #include <array>
 #include <nlohmann/json.hpp>
 
+#include "app.h"
+#include "nerf/io/capture_tools.h"
+#include "run_folder.h"
+
 namespace nerf::apps {
 namespace {
 
@@ -33,18 +37,6 @@ bool is_utf8(const std::string& text) {
   return true;
 }
 
-// As a shell reads it.
-std::string quoted(const std::string& text) {
-  const auto plain = [](unsigned char c) {
-    return std::isalnum(c) ||
-           std::string_view("-_./,=:+@%").find(static_cast<char>(c)) != std::string_view::npos;
-  };
-  if (!text.empty() && std::all_of(text.begin(), text.end(), plain)) return text;
-  std::string out = "'";
-  for (const char c : text) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return out + "'";
-}
-
 }  // namespace
 
 void TrainCommand::check_options() const {
@@ -65,8 +57,35 @@ void TrainCommand::check_options() const {
     throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
                     std::to_string(sampler.max_samples),
                 "--grid-min-samples", "give at most as many");
+  if (train.grid.occupancy_side % 16 != 0)
+    throw Error(std::to_string(train.grid.occupancy_side) + " is no multiple of 16",
+                "--grid-occupancy-side", "for example 128 or 256");
+  if (train.grid.finest_resolution < train.grid.base_resolution)
+    throw Error(std::to_string(train.grid.finest_resolution) +
+                    " is less than --grid-base-resolution " +
+                    std::to_string(train.grid.base_resolution),
+                "--grid-finest-resolution", "give at least as many cells");
+  check_camera_model(camera_model);
   if (resume && overwrite)
     throw Error("--resume and --overwrite exclude each other", "", "leave one of them out");
+}
+
+void check_given(const TrainCommand& command, const std::set<std::string>& given) {
+  if (given.contains("steps") && command.train.steps == 0)
+    throw Error("a training has at least one step", "--steps",
+                "leave it out, or give --minutes instead");
+}
+
+std::vector<std::string> unused_options(const TrainCommand& command,
+                                        const std::set<std::string>& given, SceneFormat format) {
+  std::vector<std::string> out;
+  if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
+      format != SceneFormat::kVideo)
+    out.push_back("--camera-model is not used: the capture comes with its cameras");
+  if (command.holdout == Holdout::kNone &&
+      (given.contains("eval_every") || given.contains("eval_views")))
+    out.push_back("--eval-every and --eval-views are not used: nothing is held out");
+  return out;
 }
 
 SceneOptions TrainCommand::scene_options() const {
@@ -79,7 +98,7 @@ SceneOptions TrainCommand::scene_options() const {
   o.bbox = bbox;
   o.up = up;
   o.camera_model = camera_model;
-  o.work_folder = out / "capture";
+  o.work_folder = out / kCaptureFolder;
   o.run_folder = out;
   return o;
 }
@@ -120,7 +139,7 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
 
 std::string equivalent_command(const TrainCommand& command, int64_t steps) {
   TrainCommand copy = command, usual;
-  std::string line = "nerf_train " + quoted(copy.scene.string());
+  std::string line = "nerf_train " + shell_quoted(copy.scene.string());
   const auto fields = option_fields(copy), defaults = option_fields(usual);
   for (size_t i = 0; i < fields.size(); ++i) {
     const OptionField& field = fields[i];
@@ -131,10 +150,10 @@ std::string equivalent_command(const TrainCommand& command, int64_t steps) {
     if (field.type == OptionType::kBool)
       line += (value == "true" ? " --" : " --no-") + option_flag(field).substr(2);
     else
-      line += " " + option_flag(field) + " " + quoted(value);
+      line += " " + option_flag(field) + " " + shell_quoted(value);
   }
   // The run's own folder holds a run by then.
-  if (!copy.out.empty()) line += " -o " + quoted(copy.out.string() + "_again");
+  if (!copy.out.empty()) line += " -o " + shell_quoted(copy.out.string() + "_again");
   return line + " --steps " + std::to_string(steps);
 }
 

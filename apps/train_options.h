@@ -5,6 +5,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "nerf/base/options.h"
 #include "nerf/io/scene.h"
@@ -95,6 +96,13 @@ struct TrainCommand {
 };
 
 ProgramText train_program_text();
+
+// Throws Error for a value that only the default may have. `given` names what the command line set.
+void check_given(const TrainCommand& command, const std::set<std::string>& given);
+
+// Warnings of what was given and has no effect on a capture of that format.
+std::vector<std::string> unused_options(const TrainCommand& command,
+                                        const std::set<std::string>& given, SceneFormat format);
 
 // Takes from `saved`, the options that the run was begun with, what the command line does not give.
 // Throws Error naming an option that was given otherwise than then; options that change nothing of

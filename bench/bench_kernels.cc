@@ -65,7 +65,7 @@ void layer_backward_weights(benchmark::State& state) {
   l.finish(state);
 }
 
-#define NERF_LAYERS Args({32, 64})->Args({64, 64})->Args({64, 16})->Args({64, 3})->Args({256, 256})
+#define NERF_LAYERS Args({40, 64})->Args({64, 64})->Args({64, 16})->Args({64, 3})->Args({256, 256})
 BENCHMARK(layer_forward)->NERF_LAYERS;
 BENCHMARK(layer_backward_input)->NERF_LAYERS;
 BENCHMARK(layer_backward_weights)->NERF_LAYERS;
@@ -73,7 +73,7 @@ BENCHMARK(layer_backward_weights)->NERF_LAYERS;
 // All levels of the default grid over samples along straight rays.
 struct Grid {
   explicit Grid(const benchmark::State& state)
-      : shape(hash_grid_shape(8, static_cast<int>(state.range(0)), 16, 2048)),
+      : shape(shape_of(static_cast<int>(state.range(0)))),
         table(noise(shape.rows * kGridFeatures, 4)),
         gradient(table.size()),
         touched(shape.rows),
@@ -95,6 +95,10 @@ struct Grid {
         z[i] = p[2] + t * d[2];
       }
     }
+  }
+  static HashGridShape shape_of(int log2_entries) {
+    const GridOptions o;
+    return hash_grid_shape(o.levels, log2_entries, o.base_resolution, o.finest_resolution);
   }
   static constexpr size_t kSamples = 1 << 15;
   void finish(benchmark::State& state) const {

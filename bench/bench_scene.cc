@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -15,10 +16,12 @@
 #include "bench_commands.h"
 #include "nerf/base/file.h"
 #include "nerf/base/process.h"
+#include "nerf/io/photos.h"
 #include "nerf/model/renderer.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/metrics.h"
 #include "options_cli.h"
+#include "train_options.h"
 
 namespace nerf::apps {
 namespace {
@@ -32,10 +35,10 @@ struct SceneBenchOptions {
   std::string minutes = "2,6,15";
   std::string seeds = "1,2,3";
   int downscale = 1;
-  std::string split = "test";
+  SplitChoice split = SplitChoice::kTest;
   int threads = 0;
   double scaling_minutes = 0.5;
-  int views = 3;
+  int views = 0;
 
   template <class V>
   void visit_options(V& v) {
@@ -49,18 +52,49 @@ struct SceneBenchOptions {
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
     v("scaling_minutes", scaling_minutes,
       "length of the two runs that compare 1 thread with all; 0 leaves them out", at_least(0));
-    v("views", views, "held-out views rendered with and without skips", at_least(0));
+    v("views", views, "held-out views rendered with and without skips, spread evenly; 0: all",
+      at_least(0));
   }
+  // Throws Error for lists that cannot be read.
+  void check_options() const {
+    minutes_list();
+    seeds_list();
+  }
+  std::vector<double> minutes_list() const;
+  std::vector<uint64_t> seeds_list() const;
 };
 
-std::vector<double> numbers(const std::string& text, const std::string& option) {
+std::vector<std::string> parts_of(const std::string& list) {
+  std::vector<std::string> parts(1);
+  for (const char c : list) {
+    if (c == ',')
+      parts.emplace_back();
+    else
+      parts.back() += c;
+  }
+  return parts;
+}
+
+std::vector<double> SceneBenchOptions::minutes_list() const {
   std::vector<double> out;
-  std::istringstream in(text);
-  for (std::string part; std::getline(in, part, ',');) {
+  for (const std::string& part : parts_of(minutes)) {
     char* end = nullptr;
     const double value = std::strtod(part.c_str(), &end);
-    if (part.empty() || *end || !(value > 0))
-      throw Error("'" + part + "' is not a number above 0", option, "for example 2,6,15");
+    if (part.empty() || *end || !(value > 0) || !std::isfinite(value))
+      throw Error("'" + part + "' is not a number above 0", "--minutes", "for example 2,6,15");
+    out.push_back(value);
+  }
+  return out;
+}
+
+std::vector<uint64_t> SceneBenchOptions::seeds_list() const {
+  std::vector<uint64_t> out;
+  for (const std::string& part : parts_of(seeds)) {
+    uint64_t value = 0;
+    const char* end = part.data() + part.size();
+    const auto [stop, code] = std::from_chars(part.data(), end, value);
+    if (code != std::errc() || stop != end)
+      throw Error("'" + part + "' is not a whole number from 0", "--seeds", "for example 1,2,3");
     out.push_back(value);
   }
   return out;
@@ -78,19 +112,27 @@ class SceneBench {
 
   int run() {
     make_writable_folder(options_.out);
-    std::printf("| minutes | seeds | PSNR dB | SSIM | steps | M samples/s | peak memory MB |\n");
-    std::printf("|---|---|---|---|---|---|---|\n");
-    for (double minutes : numbers(options_.minutes, "--minutes")) quality_row(minutes);
+    std::printf(
+        "| minutes | seeds | PSNR dB | SSIM | steps | M samples/s | training s | decoding s | "
+        "evaluation s | peak memory MB |\n");
+    std::printf("|---|---|---|---|---|---|---|---|---|---|\n");
+    const std::vector<double> budgets = options_.minutes_list();
+    for (const double minutes : budgets) quality_row(minutes);
     write_file_atomically(options_.out / "quality.csv", curve_);
     std::printf("\nquality over time of every run: %s\n",
                 (options_.out / "quality.csv").string().c_str());
     if (options_.scaling_minutes > 0) scaling();
-    if (options_.views > 0 && !last_run_.empty()) rendering();
+    rendering(options_.out / quality_run(*std::max_element(budgets.begin(), budgets.end()),
+                                         options_.seeds_list().front()));
     return kExitOk;
   }
 
  private:
-  Json train(const std::string& name, double minutes, int seed, int threads) {
+  static std::string quality_run(double minutes, uint64_t seed) {
+    return fmt::format("m{}_s{}", minutes, seed);
+  }
+
+  Json train(const std::string& name, double minutes, uint64_t seed, int threads) {
     const fs::path folder = options_.out / name;
     const fs::path self = fs::read_symlink("/proc/self/exe").parent_path() / "nerf_train";
     const std::string program = fs::exists(self) ? self.string() : "nerf_train";
@@ -104,7 +146,7 @@ class SceneBench {
                                         "--seed",
                                         std::to_string(seed),
                                         "--split",
-                                        options_.split,
+                                        split_name(),
                                         "--threads",
                                         std::to_string(threads)};
     if (options_.downscale > 1) {
@@ -112,32 +154,33 @@ class SceneBench {
       command.push_back(std::to_string(options_.downscale));
     }
     run_process_or_throw(command);
-    last_run_ = folder;
     std::istringstream lines(read_text_file(folder / "metrics.jsonl"));
     for (std::string line; std::getline(lines, line);) {
       const Json j = Json::parse(line);
       if (j.value("kind", "") == "evaluation")
         curve_ +=
-            fmt::format("{},{},{:.1f},{},{:.3f},{:.4f}\n", name, seed, j["seconds"].get<double>(),
-                        j["step"].get<int64_t>(), j["psnr"].get<double>(), j["ssim"].get<double>());
+            fmt::format("{},{},{:.1f},{},{:.3f},{:.4f},{}\n", name, seed,
+                        j["seconds"].get<double>(), j["step"].get<int64_t>(),
+                        j["psnr"].get<double>(), j["ssim"].get<double>(), j["views"].get<int>());
     }
     return Json::parse(read_text_file(folder / "result.json"));
   }
 
   void quality_row(double minutes) {
-    std::vector<double> psnr, ssim, steps, rate, memory;
-    for (double seed : numbers(options_.seeds, "--seeds")) {
-      const Json r = train(fmt::format("m{}_s{}", minutes, seed), minutes, static_cast<int>(seed),
-                           options_.threads);
-      psnr.push_back(r["psnr"].is_null() ? 0 : r["psnr"].get<double>());
-      ssim.push_back(r["ssim"].is_null() ? 0 : r["ssim"].get<double>());
-      steps.push_back(r["steps"].get<double>());
-      rate.push_back(r["samples_per_second"].get<double>());
-      memory.push_back(r["peak_memory_bytes"].get<double>());
-    }
-    std::printf("| %g | %zu | %.2f | %.4f | %.0f | %.2f | %.0f |\n", minutes, psnr.size(),
-                median(psnr), median(ssim), median(steps), median(rate) * 1e-6,
-                median(memory) / (1 << 20));
+    const std::vector<uint64_t> seeds = options_.seeds_list();
+    std::vector<Json> results;
+    for (const uint64_t seed : seeds)
+      results.push_back(train(quality_run(minutes, seed), minutes, seed, options_.threads));
+    const auto median_of = [&](const char* name) {
+      std::vector<double> values;
+      for (const Json& r : results) values.push_back(r[name].is_null() ? 0 : r[name].get<double>());
+      return median(values);
+    };
+    std::printf("| %g | %zu | %.2f | %.4f | %.0f | %.2f | %.1f | %.1f | %.1f | %.0f |\n", minutes,
+                seeds.size(), median_of("psnr"), median_of("ssim"), median_of("steps"),
+                median_of("samples_per_second") * 1e-6, median_of("seconds"),
+                median_of("decode_seconds"), median_of("evaluation_seconds"),
+                median_of("peak_memory_bytes") / (1 << 20));
     std::fflush(stdout);
   }
 
@@ -150,41 +193,66 @@ class SceneBench {
                 many * 1e-6, many / one);
   }
 
-  void rendering() {
-    const RadianceField field = RadianceField::load(last_run_ / "model.nerf");
+  std::string split_name() const { return options_.split == SplitChoice::kDev ? "dev" : "test"; }
+
+  // The held-out views of the capture that the run was trained on, or some of them.
+  Scene held_out_scene(const fs::path& run) const {
+    TrainCommand command;
+    command.scene = options_.scene;
+    command.out = run;  // where poses of a folder of photos already are
+    command.downscale = options_.downscale;
+    command.split = options_.split;
+    Scene scene = load_scene(command.scene, command.scene_options());
+    const size_t n = scene.test.size();
+    const size_t most = static_cast<size_t>(options_.views);
+    const size_t take = most > 0 ? std::min(n, most) : n;
+    std::vector<View> views;
+    for (size_t i = 0; i < take; ++i)
+      views.push_back(scene.views[static_cast<size_t>(scene.test[(2 * i + 1) * n / (2 * take)])]);
+    scene.views = std::move(views);
+    return scene;
+  }
+
+  // The same views with and without everything that rendering leaves out, against each other and
+  // against their photos. Masked-out pixels count nowhere.
+  void rendering(const fs::path& run) {
+    const RadianceField field = RadianceField::load(run / "model.nerf");
     ThreadPool pool(options_.threads);
-    std::vector<double> seconds, all_seconds, alike;
+    const Scene scene = held_out_scene(run);
+    if (scene.views.empty()) return;
+    const PhotoSet photos = load_photos(scene, pool);
     RenderOptions skip;
-    skip.background = evaluation_background(field.info().alpha);
+    skip.background = evaluation_background(scene.alpha);
     RenderOptions all = skip;
     all.unclipped = true;
-    int done = 0;
-    Camera camera;
-    for (const ModelView& view : field.info().views) {
-      if (!view.held_out || done == options_.views) continue;
-      ++done;
-      camera = view.camera;
+    std::vector<double> seconds, all_seconds;
+    double alike = kHighestPsnr, difference = 0;
+    for (size_t i = 0; i < scene.views.size(); ++i) {
+      const Photo& photo = photos.photos[i];
       const auto timed = [&](const RenderOptions& o, std::vector<double>& times) {
         const auto t0 = std::chrono::steady_clock::now();
-        Frame f = render(field, view.camera, view.pose, o, pool);
+        Frame f = render(field, photos.cameras[i], scene.views[i].pose, o, pool);
         times.push_back(
             std::chrono::duration<double>(std::chrono::steady_clock::now() - t0).count());
         return to_8bit(ImageF{f.width, f.height, 3, std::move(f.rgb)});
       };
       const Image8 a = timed(skip, seconds), b = timed(all, all_seconds);
-      alike.push_back(psnr(a, b).value_or(kHighestPsnr));
+      const Image8 truth = photo_over(photo, skip.background);
+      const auto with = psnr(truth, a, photo.mask), without = psnr(truth, b, photo.mask);
+      if (!with || !without) continue;  // wholly masked out
+      difference = std::max(difference, std::abs(*with - *without));
+      alike = std::min(alike, psnr(a, b, photo.mask).value_or(kHighestPsnr));
     }
-    if (done == 0) return;
     std::printf(
-        "one %dx%d view: %.2f s; with every skip off %.2f s; least likeness of the two %.1f dB "
-        "(%d views)\n",
-        camera.width, camera.height, median(seconds), median(all_seconds),
-        *std::min_element(alike.begin(), alike.end()), done);
+        "\nrendering %zu held-out views of %s, %dx%d: median %.2f s; with every skip off %.2f s\n"
+        "largest difference of PSNR against the photo %.4f dB; least likeness of the two pictures "
+        "%.1f dB\n",
+        scene.views.size(), run.filename().string().c_str(), photos.photos[0].width,
+        photos.photos[0].height, median(seconds), median(all_seconds), difference, alike);
   }
 
   const SceneBenchOptions& options_;
-  std::string curve_ = "run,seed,seconds,step,psnr,ssim\n";
-  fs::path last_run_;
+  std::string curve_ = "run,seed,seconds,step,psnr,ssim,views\n";
 };
 
 }  // namespace

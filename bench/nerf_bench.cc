@@ -23,6 +23,10 @@ int bench_main(int argc, char** argv) {
     std::fputs(kHelp, stdout);
     return kExitOk;
   }
+  if (command == "--version") {
+    std::printf("%s\n", version_text("nerf_bench").c_str());
+    return kExitOk;
+  }
   if (command == "scene") return bench_scene(argc - 1, argv + 1);
   if (command == "kernels") return bench_kernels(argc - 1, argv + 1);
   const std::vector<std::string> known = {"scene", "kernels"};

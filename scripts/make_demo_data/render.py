@@ -44,7 +44,7 @@ def lens_coefficients():
 
 
 def camera_path():
-    """A walk of about 1.6 turns: one round at chest height, then higher, with a hand's unsteadiness."""
+    """A walk of 1.75 turns: one round at chest height, then higher, with a hand's unsteadiness."""
     rng = random.Random(SEED)
     poses = []
     for i in range(PHOTOS):

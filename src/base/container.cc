@@ -137,15 +137,18 @@ ContainerReader::ContainerReader(const std::filesystem::path& path, const Contai
 
 ContainerReader::ContainerReader(std::vector<uint8_t> bytes, std::string where,
                                  const ContainerFormat& format)
-    : bytes_(std::move(bytes)), where_(std::move(where)), kind_(format.kind) {
+    : bytes_(std::move(bytes)),
+      where_(std::move(where)),
+      kind_(format.kind),
+      remedy_(format.remedy) {
   parse(format);
 }
 
+Error ContainerReader::damaged(const std::string& what) const {
+  return Error("is a damaged " + kind_ + ": " + what, where_, remedy_);
+}
+
 void ContainerReader::parse(const ContainerFormat& format) {
-  const auto damaged = [&](const std::string& what) {
-    return Error("is a damaged " + kind_ + ": " + what, where_,
-                 "copy it again, or save it anew with nerf_train --resume");
-  };
   FileHead head;
   const std::span<const uint8_t> all(bytes_);
   const size_t magic_seen = std::min(all.size(), sizeof(head.magic));
@@ -200,18 +203,15 @@ void ContainerReader::parse(const ContainerFormat& format) {
 
 const ContainerReader::Section& ContainerReader::find(const std::string& name) const {
   const auto found = sections_.find(name);
-  if (found == sections_.end())
-    throw Error("is a damaged " + kind_ + ": section '" + name + "' is missing", where_);
+  if (found == sections_.end()) throw damaged("section '" + name + "' is missing");
   return found->second;
 }
 
 void ContainerReader::read_bytes(const std::string& name, std::span<uint8_t> out) const {
   const Section& section = find(name);
   if (section.decoded_bytes != out.size())
-    throw Error("is a damaged " + kind_ + ": section '" + name + "' holds " +
-                    std::to_string(section.decoded_bytes) + " bytes, its options ask for " +
-                    std::to_string(out.size()),
-                where_);
+    throw damaged("section '" + name + "' holds " + std::to_string(section.decoded_bytes) +
+                  " bytes, its options ask for " + std::to_string(out.size()));
   if (section.encoding == SectionEncoding::kRaw) {
     if (!out.empty()) std::memcpy(out.data(), section.stored.data(), out.size());
     return;
@@ -219,8 +219,7 @@ void ContainerReader::read_bytes(const std::string& name, std::span<uint8_t> out
   uLongf size = out.size();
   if (::uncompress(out.data(), &size, section.stored.data(), section.stored.size()) != Z_OK ||
       size != out.size())
-    throw Error("is a damaged " + kind_ + ": section '" + name + "' cannot be decompressed",
-                where_);
+    throw damaged("section '" + name + "' cannot be decompressed");
 }
 
 }  // namespace nerf::internal

@@ -11,13 +11,16 @@
 #include <type_traits>
 #include <vector>
 
+#include "nerf/base/error.h"
+
 namespace nerf::internal {
 
 // What kind of file it is; version is that of the header's and the sections' meaning.
 struct ContainerFormat {
   std::string_view magic;  // 8 characters
   uint32_t version;
-  std::string_view kind;  // for messages: "model file"
+  std::string_view kind;    // for messages: "model file"
+  std::string_view remedy;  // what to do about a damaged one
 };
 
 enum class SectionEncoding : uint32_t { kRaw = 0, kZlib = 1 };
@@ -90,7 +93,9 @@ class ContainerReader {
 
   std::vector<uint8_t> bytes_;
   std::string where_;
-  std::string kind_;
+  Error damaged(const std::string& what) const;
+
+  std::string kind_, remedy_;
   std::string_view header_;
   std::map<std::string, Section> sections_;
 };

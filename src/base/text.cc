@@ -49,4 +49,12 @@ bool natural_less(std::string_view a, std::string_view b) {
   return whole_a < whole_b;
 }
 
+std::string shortened(std::string text, size_t bytes) {
+  if (text.size() <= bytes) return text;
+  // Bytes 10xxxxxx go on with a character.
+  while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xc0) == 0x80) --bytes;
+  text.resize(bytes);
+  return text;
+}
+
 }  // namespace nerf

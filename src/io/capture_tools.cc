@@ -11,9 +11,11 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/nearest_name.h"
 #include "nerf/base/process.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/image.h"
+#include "nerf/math/camera.h"
 #include "paths.h"
 #include "scene_input.h"
 #include "staged_folder.h"
@@ -237,6 +239,15 @@ void link_or_copy(const fs::path& photos, const fs::path& link) {
 }
 
 }  // namespace
+
+void check_camera_model(const std::string& name) {
+  if (camera_model_from_name(name)) return;
+  std::vector<std::string> known;
+  for (int id = 0; const auto model = camera_model_from_id(id); ++id)
+    known.emplace_back(camera_model_name(*model));
+  throw Error(fmt::format("there is no camera model {}", name), "--camera-model",
+              nearest_name_hint(name, known));
+}
 
 fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& folders,
                               const std::string& camera_model, const Progress& progress,

@@ -19,10 +19,6 @@ using internal::SceneInput;
 
 constexpr int kHoldoutStride = 8;
 
-// Model, occupancy, optimiser and buffers of the default method. The trainer knows better and may
-// replace the estimate; before it runs, this is what its defaults take.
-constexpr uint64_t kTrainerBytes = uint64_t{300} << 20;
-
 // Sorts views bytewise by name, with what runs parallel to them.
 void sort_views(SceneInput& input) {
   std::vector<int> order(input.views.size());
@@ -90,8 +86,7 @@ void describe_cameras(const Scene& scene, SceneReport& report) {
   }
 }
 
-void estimate_memory(const Scene& scene, SceneReport& report) {
-  report.memory_estimate_bytes += kTrainerBytes;
+void check_memory(const Scene& scene, SceneReport& report) {
   report.memory_limit_bytes = available_memory_bytes();
   if (report.memory_limit_bytes > 0 && report.memory_estimate_bytes > report.memory_limit_bytes) {
     report.warnings.push_back(
@@ -121,16 +116,15 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   }
   Scene scene;
   scene.options = options;
-  std::vector<std::string> ignored;
-  const SceneFormat format = options.format == SceneFormat::kAuto
-                                 ? internal::detect_format(path, ignored)
-                                 : options.format;
+  const SceneFormat format =
+      options.format == SceneFormat::kAuto ? internal::detect_format(path) : options.format;
+  scene.options.format = format;
   SceneInput input = internal::read_scene_input(path, format, {options, progress, cancel});
   scene.root = std::filesystem::is_directory(path) ? path : path / "..";
   scene.root = scene.root.lexically_normal();
   SceneReport& report = scene.report;
   report.format = input.format;
-  report.ignored = std::move(ignored);
+  report.ignored = internal::inputs_beside(path, format);
   report.ignored.insert(report.ignored.end(), input.ignored.begin(), input.ignored.end());
   report.warnings = std::move(input.warnings);
 
@@ -152,7 +146,7 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
       "masks: values of 128 and more keep a pixel; masked pixels count neither in training nor in "
       "metrics";
   describe_cameras(scene, report);
-  estimate_memory(scene, report);
+  check_memory(scene, report);
   split_views(input.is_test, scene);
   return scene;
 }

@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <set>
 
-#include "nerf/base/nearest_name.h"
 #include "nerf/io/capture_tools.h"
 #include "paths.h"
 
@@ -14,6 +14,10 @@ namespace nerf::internal {
 namespace fs = std::filesystem;
 
 namespace {
+
+// In which they are looked for.
+constexpr std::array kOrder{SceneFormat::kBlender, SceneFormat::kColmap, SceneFormat::kTransforms,
+                            SceneFormat::kPhotos, SceneFormat::kVideo};
 
 // COLMAP on a CPU matches every pair of so many frames in minutes.
 constexpr int kMaxVideoFrames = 120;
@@ -97,17 +101,7 @@ fs::path work_folder(const SceneOptions& options) {
 }
 
 SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const CaptureRun& run) {
-  static const std::vector<std::string> kModels = [] {
-    std::vector<std::string> names;
-    for (int id = 0; const auto model = camera_model_from_id(id); ++id) {
-      names.emplace_back(camera_model_name(*model));
-    }
-    return names;
-  }();
-  if (!camera_model_from_name(run.options.camera_model)) {
-    throw Error(fmt::format("there is no camera model {}", run.options.camera_model),
-                "--camera-model", nearest_name_hint(run.options.camera_model, kModels));
-  }
+  check_camera_model(run.options.camera_model);
   if (is_folder(photos / "masks")) {
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
                 photos.string(), "put the photos into images/ beside masks/");
@@ -122,20 +116,9 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
 
 }  // namespace
 
-SceneFormat detect_format(const fs::path& path, std::vector<std::string>& ignored) {
-  constexpr std::array<SceneFormat, 5> kOrder{SceneFormat::kBlender, SceneFormat::kColmap,
-                                              SceneFormat::kTransforms, SceneFormat::kPhotos,
-                                              SceneFormat::kVideo};
-  for (size_t i = 0; i < kOrder.size(); ++i) {
-    if (!has_format(path, kOrder[i])) continue;
-    for (size_t j = i + 1; j < kOrder.size(); ++j) {
-      // Photos beside a model are the model's own.
-      if (kOrder[j] == SceneFormat::kPhotos || !is_folder(path)) continue;
-      if (has_format(path, kOrder[j])) ignored.push_back(what_is_wanted(kOrder[j]));
-    }
-    if (path_exists(path / "poses_bounds.npy")) ignored.push_back("poses_bounds.npy");
-    return kOrder[i];
-  }
+SceneFormat detect_format(const fs::path& path) {
+  for (const SceneFormat format : kOrder)
+    if (has_format(path, format)) return format;
   if (is_folder(path)) {
     std::error_code problem;
     const bool empty = fs::is_empty(path, problem);
@@ -146,6 +129,18 @@ SceneFormat detect_format(const fs::path& path, std::vector<std::string>& ignore
   throw Error(path_exists(path) ? "the file is neither a transforms .json nor a video"
                                 : "there is no such file or folder",
               path.string(), "give the folder of a scene");
+}
+
+std::vector<std::string> inputs_beside(const fs::path& path, SceneFormat used) {
+  std::vector<std::string> found;
+  if (!is_folder(path)) return found;
+  for (const SceneFormat format : kOrder) {
+    // Photos beside a model are the model's own.
+    const bool own = format == SceneFormat::kPhotos && used != SceneFormat::kVideo;
+    if (format != used && !own && has_format(path, format)) found.push_back(what_is_wanted(format));
+  }
+  if (path_exists(path / "poses_bounds.npy")) found.push_back("poses_bounds.npy");
+  return found;
 }
 
 SceneInput read_scene_input(const fs::path& path, SceneFormat format, const CaptureRun& run) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include "nerf/base/cancel.h"
 #include "scene_input.h"
@@ -11,8 +12,11 @@
 namespace nerf::internal {
 
 // The first format, in the order of SceneFormat, that `path` has the files of; Error where it has
-// none. Other inputs found beside it go to `ignored`.
-SceneFormat detect_format(const std::filesystem::path& path, std::vector<std::string>& ignored);
+// none.
+SceneFormat detect_format(const std::filesystem::path& path);
+
+// What else lies in the folder `path`, whose scene is read as `used`.
+std::vector<std::string> inputs_beside(const std::filesystem::path& path, SceneFormat used);
 
 // What photos and videos need besides a path.
 struct CaptureRun {

@@ -54,12 +54,8 @@ std::string format_report(const SceneReport& r) {
   lines.add("near, far", fmt::format("{:.4g}, {:.4g}", r.near, r.far));
   lines.add("up", vector_text(r.up));
   if (r.masks > 0) {
-    std::string masks =
-        fmt::format("{} of {} images", r.masks, r.images_registered - r.images_missing);
-    if (r.fraction_masked > 0) {
-      masks += fmt::format(", {:.1f} % of all pixels masked out", 100 * r.fraction_masked);
-    }
-    lines.add("masks", masks);
+    lines.add("masks",
+              fmt::format("{} of {} images", r.masks, r.images_registered - r.images_missing));
     lines.add("", r.mask_convention);
   }
   lines.add("memory", r.memory_limit_bytes > 0

@@ -17,11 +17,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
+fs::path temporary_folder() {
+  std::error_code failed;
+  const fs::path folder = fs::temp_directory_path(failed);
+  if (!failed) return folder;
+  const char* name = ::getenv("TMPDIR");
+  throw Error("there is no folder for temporary files", name ? name : "TMPDIR",
+              "set TMPDIR to a folder that exists");
+}
+
 // A folder of links that number the frames: ffmpeg wants one pattern for all names.
 class NumberedFrames {
  public:
   explicit NumberedFrames(const std::vector<fs::path>& frames) {
-    std::string name = (fs::temp_directory_path() / "nerf_frames_XXXXXX").string();
+    std::string name = (temporary_folder() / "nerf_frames_XXXXXX").string();
     if (::mkdtemp(name.data()) == nullptr) {
       throw errno_error(errno, "cannot create a temporary folder", name);
     }
@@ -69,6 +78,7 @@ void check_frames(const std::vector<fs::path>& frames, const fs::path& film) {
                               info.height, first.width, first.height),
                   frame.string(), "give all frames one --size");
     }
+    check_image_complete(frame);
     if (frame.extension() != frames[0].extension()) {
       throw Error("the frames of a film must be of one type", frame.string());
     }
@@ -77,9 +87,14 @@ void check_frames(const std::vector<fs::path>& frames, const fs::path& film) {
 
 }  // namespace
 
+fs::path check_video_tools() {
+  temporary_folder();
+  return require_program("ffmpeg", "ffmpeg", "writes films");
+}
+
 void write_video(const fs::path& path, const std::vector<fs::path>& frames,
                  const VideoOptions& options) {
-  const std::string ffmpeg = require_program("ffmpeg", "ffmpeg", "writes films").string();
+  const std::string ffmpeg = check_video_tools().string();
   if (!(options.frames_per_second > 0) || !(options.frames_per_second <= 1000)) {
     throw Error("frames per second must be above 0 and at most 1000", "--fps");
   }
@@ -100,6 +115,7 @@ void write_video(const fs::path& path, const std::vector<fs::path>& frames,
          "-nostdin",
          "-v",
          "error",
+         "-xerror",  // else a damaged frame is left out and the film is written all the same
          "-progress",
          "pipe:1",
          "-y",

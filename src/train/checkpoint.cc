@@ -16,7 +16,8 @@ using internal::JsonFields;
 
 // Raise the version whenever a step computes something else than before: a checkpoint continues bit
 // for bit or not at all.
-constexpr internal::ContainerFormat kFormat{"NERFCKPT", 2, "checkpoint"};
+constexpr internal::ContainerFormat kFormat{
+    "NERFCKPT", 2, "checkpoint", "copy it again, or begin the run anew with --overwrite"};
 
 // Every array that a step reads and the step before wrote. Gradients are zero between steps.
 template <class Trainer, class Visit>

@@ -6,6 +6,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/text.h"
 #include "nerf/io/depth_image.h"
 #include "nerf/train/metrics.h"
 
@@ -29,6 +30,7 @@ std::vector<int> chosen(const std::vector<int>& views, int most) {
 fs::path picture_file(const std::string& view, std::set<std::string>& used) {
   std::string stem = fs::path(view).replace_extension().string();
   std::replace(stem.begin(), stem.end(), '/', '_');
+  stem = shortened(std::move(stem), kLongestFileStem);
   std::string name = stem;
   for (int i = 2; name.empty() || !used.insert(name).second; ++i)
     name = stem + "_" + std::to_string(i);

@@ -1,37 +1,80 @@
 #include <algorithm>
 
 #include "nerf/kernels/hash_grid.h"
+#include "nerf/train/evaluation.h"
 #include "nerf/train/run.h"
 
 namespace nerf {
 
 namespace {
-constexpr uint64_t kAccumulators = 32;  // of the networks' gradients
+
+// The trainer takes at most so many in an unbounded scene, one in a bounded one.
+constexpr uint64_t kMostCascades = 8;
+
+// Of the networks' gradients, as in Trainer::Impl.
+constexpr uint64_t kAccumulators = 32;
+
+// Widths of the values on the way through one network, its input included.
+uint64_t network_values(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t out) {
+  return in + 2 * layers * hidden + out;  // before and after each activation
+}
+uint64_t network_weights(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t out) {
+  return in * hidden + (layers - 1) * hidden * hidden + hidden * out;
+}
+
 }  // namespace
 
-uint64_t training_memory_bytes(const TrainOptions& options, int threads) {
+// Follows the members of Trainer::Impl, in their order.
+uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
+  constexpr uint64_t kFloat = sizeof(float);
   const GridOptions& o = options.grid;
   const HashGridShape shape =
       hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution);
-  // Table, gradient, two moments; flag and counter of a row. A snapshot to render from copies the
-  // table once more.
-  const uint64_t table = shape.rows * (5 * kGridFeatures * sizeof(float) + 3);
-  constexpr uint64_t kCascades = 5, kBytesPerCell = 6;
-  const auto cells = [&](bool unbounded) {
-    const uint64_t side = static_cast<uint64_t>(occupancy_side(o, unbounded));
-    return side * side * side * (unbounded ? kCascades : 1);
-  };
-  const uint64_t occupancy = 2 * std::max(cells(false), cells(true)) * kBytesPerCell;
+  const uint64_t rows = shape.rows;
+  const uint64_t table = rows * kGridFeatures * kFloat;
+
+  // A cell: opacity, level, and two masks of a bit.
+  const uint64_t side = static_cast<uint64_t>(occupancy_side(o, unbounded));
+  const uint64_t cells = side * side * side * (unbounded ? kMostCascades : 1);
+  const uint64_t occupancy = cells * (kFloat + 1) + cells / 4;
+
   const uint64_t hidden = static_cast<uint64_t>(o.hidden);
-  const uint64_t network =
-      hidden * hidden * static_cast<uint64_t>(o.density_layers + o.colour_layers + 2) * 4;
-  const uint64_t networks = network * (4 + kAccumulators);
-  // Features and their gradients; positions and the rest of a sample twice (per block, per chunk).
-  const uint64_t samples = static_cast<uint64_t>(options.batch_samples) *
-                           (2 * static_cast<uint64_t>(shape.features()) * 4 + 2 * 28 + 40);
-  const uint64_t layers = static_cast<uint64_t>(o.density_layers + o.colour_layers);
-  const uint64_t arena = kChunkSamples * 4 * 2 * (hidden * layers + 256);
-  return table + occupancy + networks + samples + static_cast<uint64_t>(threads) * arena;
+  const uint64_t features = static_cast<uint64_t>(shape.features());
+  const uint64_t geometry = static_cast<uint64_t>(o.geometry_features);
+  const uint64_t density_layers = static_cast<uint64_t>(o.density_layers);
+  const uint64_t colour_layers = static_cast<uint64_t>(o.colour_layers);
+  const uint64_t colour_in = geometry + kSphericalHarmonics;
+  const uint64_t weights = kFloat * (network_weights(features, hidden, density_layers, geometry) +
+                                     network_weights(colour_in, hidden, colour_layers, 3));
+  const uint64_t field = table + occupancy + weights;
+
+  // Gradient and two moments of everything; flag and counter of a row.
+  const uint64_t optimiser = 3 * (table + weights) + 3 * rows;
+  const uint64_t accumulators = kAccumulators * weights;
+
+  // Values and gradients of a chunk, per thread.
+  const uint64_t chunk_values = network_values(features, hidden, density_layers, geometry) +
+                                network_values(colour_in, hidden, colour_layers, 3) + 32;
+  const uint64_t workers =
+      static_cast<uint64_t>(threads) * 2 * kChunkSamples * kFloat * chunk_values;
+
+  // Of a sample: features with their gradient, position, width, cell, density, and once more what
+  // its block of rays holds (with a vector's reserve). There may be as many rays as samples, each
+  // with a record of some 100 bytes.
+  const uint64_t sample = 2 * features * kFloat + 7 * kFloat + 2 * 6 * kFloat + 12 * kFloat + 100;
+  const uint64_t batch = static_cast<uint64_t>(options.batch_samples) * sample;
+
+  // Besides the trainer, at different times: a copy of the field with its table in half precision
+  // and its levels compressed (a saved model), a checkpoint read whole, moments made anew.
+  const uint64_t saving = field + table / 2 + cells;
+  const uint64_t resuming = 3 * (table + weights) + 2 * rows + cells * (kFloat + 2);
+  const uint64_t restarting = optimiser;
+  return field + optimiser + accumulators + workers + batch +
+         std::max({saving, resuming, restarting});
 }
+
+// Frame (5 numbers), its 8-bit pictures by way of floats, the three pictures side by side and their
+// encoder's copies.
+uint64_t evaluation_memory_bytes(uint64_t pixels) { return 64 * pixels; }
 
 }  // namespace nerf

@@ -6,6 +6,7 @@
 #include <new>
 
 #include "nerf/base/error.h"
+#include "run_program.h"
 
 namespace nerf::apps {
 namespace {
@@ -44,6 +45,17 @@ TEST(App, ErrorsBecomeOneLineAndAnExitCode) {
 }
 
 TEST(App, UtfTextStaysWhole) { EXPECT_EQ(one_line("caf\xc3\xa9\n"), "caf\xc3\xa9 "); }
+
+TEST(App, ShellsReadQuotedTextAsItWas) {
+  EXPECT_EQ(shell_quoted("runs/a-b_c.1"), "runs/a-b_c.1");
+  for (const std::string text : {"", "a b", "it's", "$HOME `x` \"y\" \\ * ? ; & | < > # ~ !", "''",
+                                 "-n", "a\nb", "caf\xc3\xa9"}) {
+    const auto result =
+        testing_apps::run_program("/bin/sh", {"-c", "printf %s " + shell_quoted(text)});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_EQ(result.out, text);
+  }
+}
 
 TEST(App, LogGoesToStderr) {
   const Outcome o = outcome([] {

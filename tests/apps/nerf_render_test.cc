@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 using testing_apps::expect_refused;
 using testing_apps::Program;
 using testing_apps::ProgramResult;
-using testing_apps::TemporaryFolder;
+using testing_apps::TempFolder;
 using testing_apps::write_text;
 
 ProgramResult render_program(const std::vector<std::string>& arguments) {
@@ -70,7 +70,7 @@ class NerfRender : public testing::Test {
     return files;
   }
 
-  TemporaryFolder folder_;
+  TempFolder folder_;
   std::string run_, out_;
 };
 

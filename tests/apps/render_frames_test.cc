@@ -12,7 +12,7 @@ namespace nerf::apps {
 namespace {
 
 namespace fs = std::filesystem;
-using testing_apps::TemporaryFolder;
+using testing_apps::TempFolder;
 
 RenderPlan plan_of(const std::vector<fs::path>& files, bool depth = true) {
   RenderPlan plan;
@@ -56,7 +56,7 @@ std::vector<std::string> tree(const fs::path& folder) {
 }
 
 TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const fs::path out = folder.path() / "new" / "out";
   Progress progress = silent();
   const Cancel cancel;
@@ -89,7 +89,7 @@ TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
 }
 
 TEST(RenderFrames, WithoutDepthOnlyColour) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   Progress progress = silent();
   const Cancel cancel;
   int calls = 0;
@@ -106,7 +106,7 @@ TEST(RenderFrames, WithoutDepthOnlyColour) {
 
 TEST(RenderFrames, AStopLeavesWholeFramesOnly) {
   for (const bool thrown : {true, false}) {
-    const TemporaryFolder folder;
+    const TempFolder folder;
     Progress progress = silent();
     Cancel cancel;
     int frame = 0;
@@ -127,7 +127,7 @@ TEST(RenderFrames, AStopLeavesWholeFramesOnly) {
 }
 
 TEST(RenderFrames, UnwritableFoldersAreErrors) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   testing_apps::write_text(folder.path() / "file", "x");
   Progress progress = silent();
   const Cancel cancel;
@@ -144,7 +144,7 @@ TEST(RenderFrames, UnwritableFoldersAreErrors) {
 }
 
 TEST(RenderFrames, ProgressGoesFromFrameToFrame) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   std::string out;
   ProgressStyle style;
   style.line_seconds = 0;

@@ -10,7 +10,7 @@ namespace nerf::apps {
 namespace {
 
 namespace fs = std::filesystem;
-using testing_apps::TemporaryFolder;
+using testing_apps::TempFolder;
 using testing_apps::write_text;
 
 constexpr uint64_t kPlenty = uint64_t{1} << 40;
@@ -42,12 +42,7 @@ RenderCommand command(const std::string& views) {
 }
 
 std::string error_of(const RenderCommand& c, const ModelInfo& info, uint64_t memory = kPlenty) {
-  try {
-    make_render_plan(c, info, memory);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
+  return test::error_of([&] { make_render_plan(c, info, memory); });
 }
 
 TEST(RenderPlan, PicturesAreNamedAfterViews) {
@@ -58,6 +53,7 @@ TEST(RenderPlan, PicturesAreNamedAfterViews) {
   EXPECT_EQ(picture_file("../../x/./y.png"), "x/y.png");
   EXPECT_EQ(picture_file(".."), "view.png");
   EXPECT_EQ(picture_file(""), "view.png");
+  EXPECT_EQ(picture_file("a/" + std::string(255, 'x')), "a/" + std::string(200, 'x') + ".png");
 }
 
 TEST(RenderPlan, ViewsKeepNamesSizesAndLenses) {
@@ -118,7 +114,7 @@ TEST(RenderPlan, SizesAreScaled) {
 }
 
 TEST(RenderPlan, PathFilesAndFramesPerSecond) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const fs::path file = folder.path() / "tour.json";
   write_text(file, R"({"render_width": 64, "render_height": 32, "fps": 12, "camera_path": [
     {"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 50}]})");
@@ -153,11 +149,11 @@ TEST(RenderPlan, MistakesAreNamed) {
   ModelInfo mixed = info;
   mixed.views[2].camera.width = 600;
   EXPECT_NE(error_of(c, mixed).find("different sizes"), std::string::npos);
-  EXPECT_EQ(error_of(c, info), "no error");
+  EXPECT_EQ(error_of(c, info), "");
 }
 
 TEST(RenderPlan, FindsTheModel) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const auto error = [](const fs::path& run) -> std::string {
     try {
       return find_model_file(run).string();
@@ -167,6 +163,9 @@ TEST(RenderPlan, FindsTheModel) {
   };
   EXPECT_NE(error(folder.path() / "none").find("no such file or folder"), std::string::npos);
   EXPECT_NE(error(folder.path()).find("there is no model.nerf"), std::string::npos);
+  fs::create_directory(folder.path() / "a b");
+  EXPECT_NE(error(folder.path() / "a b").find("-o '" + (folder.path() / "a b").string() + "'"),
+            std::string::npos);
   write_text(folder.path() / "model.nerf", "x");
   EXPECT_EQ(error(folder.path()), folder.path() / "model.nerf");
   EXPECT_EQ(error(folder.path() / "model.nerf"), folder.path() / "model.nerf");
@@ -193,6 +192,10 @@ TEST(RenderOptions, CombinationsAreChecked) {
   EXPECT_THROW(c.check_options(), Error);
   c.mp4 = "video.mp4";
   EXPECT_NO_THROW(c.check_options());
+  c.fps = 25;
+  EXPECT_NO_THROW(c.check_options());
+  c.mp4.clear();
+  EXPECT_THROW(c.check_options(), Error);
 }
 
 }  // namespace

@@ -5,41 +5,18 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 #include <string>
 #include <vector>
 
+#include "support/temp_folder.h"
+
 namespace nerf::testing_apps {
 
-// A folder of one test's own, removed with it.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "nerf_apps_XXXXXX").string();
-    if (!mkdtemp(name.data())) throw std::runtime_error("cannot make a temporary folder");
-    path_ = name;
-  }
-  ~TemporaryFolder() { std::filesystem::remove_all(path_); }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
-inline std::string read_text(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-inline void write_text(const std::filesystem::path& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary) << text;
-}
+using test::read_text;
+using test::TempFolder;
+using test::write_text;
 
 struct ProgramResult {
   int exit_code = -1;  // 128 + signal where one ended it
@@ -83,7 +60,7 @@ class Program {
  private:
   std::string out_file() const { return (folder_.path() / "stdout").string(); }
   std::string err_file() const { return (folder_.path() / "stderr").string(); }
-  TemporaryFolder folder_;
+  TempFolder folder_;
   pid_t pid_ = -1;
 };
 

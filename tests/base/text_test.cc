@@ -39,5 +39,18 @@ TEST(Text, NaturalOrderCountsNumbers) {
       EXPECT_EQ(natural_less(sorted[i], sorted[j]), i < j) << sorted[i] << " and " << sorted[j];
 }
 
+TEST(Shortened, CutsBetweenCharacters) {
+  EXPECT_EQ(shortened("abc", 3), "abc");
+  EXPECT_EQ(shortened("abcd", 3), "abc");
+  EXPECT_EQ(shortened("ab\xc3\xa9", 3), "ab");
+  EXPECT_EQ(shortened("a\xe2\x82\xac", 3), "a");
+  EXPECT_EQ(shortened("a\xe2\x82\xac"
+                      "b",
+                      4),
+            "a\xe2\x82\xac");
+  EXPECT_EQ(shortened("\x80\x80\x80", 2), "");
+  EXPECT_EQ(shortened("", 0), "");
+}
+
 }  // namespace
 }  // namespace nerf

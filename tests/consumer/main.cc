@@ -97,7 +97,7 @@ void use_training(const char* folder) {
   field.query(points, directions, density, rgb, pool);
   expect(density[0] >= 0 && density[0] == density[2], "equal points have equal densities");
 
-  const auto file = std::filesystem::temp_directory_path() / "nerf_consumer.nerf";
+  const std::filesystem::path file = "consumer.nerf";  // where the test runs, a folder of its own
   field.save(file);
   const nerf::RadianceField loaded = nerf::RadianceField::load(file);
   std::filesystem::remove(file);

@@ -50,7 +50,7 @@ foreach(variant default native)
       -D CMAKE_PREFIX_PATH=${WORK}/prefix -D CMAKE_CXX_COMPILER=${COMPILER}
       -D CMAKE_CXX_FLAGS=${flags} -D NERF_CONSUMER_HEADERS=${headers})
   run(${CMAKE_COMMAND} --build ${build})
-  run(${build}/consumer ${CAPTURE})
+  run(${CMAKE_COMMAND} -E chdir ${build} ./consumer ${CAPTURE})
   message(STATUS "${variant}: ${output}")
 endforeach()
 file(REMOVE_RECURSE ${WORK})

@@ -10,6 +10,7 @@
 #include "nerf/base/file.h"
 #include "nerf/io/camera_path.h"
 #include "nerf/math/camera_paths.h"
+#include "support/temp_folder.h"
 
 namespace nerf {
 namespace {
@@ -18,13 +19,7 @@ namespace fs = std::filesystem;
 
 class CameraPathJson : public testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "nerf_path_XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-  fs::path folder_;
+  const test::TempFolder folder_;
 };
 
 // As nerfstudio's viewer exports it, cut to what matters.
@@ -43,12 +38,7 @@ const std::string kExported = R"({
 })";
 
 std::string error_of(const std::string& json) {
-  try {
-    parse_camera_path(json, "flight.json", "flight");
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
+  return test::error_of([&] { parse_camera_path(json, "flight.json", "flight"); });
 }
 
 std::string with(const std::string& from, const std::string& to) {
@@ -129,7 +119,7 @@ TEST_F(CameraPathJson, WriteRefusesWhatTheFormatCannotHold) {
   path = parse_camera_path(kExported, "flight.json", "flight");
   path.frames[1].camera.width = 10;
   EXPECT_THROW(write_camera_path(folder_ / "sizes.json", path), Error);
-  EXPECT_TRUE(fs::is_empty(folder_));
+  EXPECT_TRUE(fs::is_empty(folder_.path()));
   path.frames.pop_back();
   EXPECT_THROW(write_camera_path(folder_ / "missing" / "path.json", path), Error);
 }
@@ -170,7 +160,7 @@ TEST_F(CameraPathJson, ErrorsNameFileAndPlace) {
   }
   EXPECT_EQ(error_of("[]"), "flight.json: expected an object");
   EXPECT_NE(error_of(R"({"camera_path": []})").find("one frame or more"), std::string::npos);
-  EXPECT_NE(error_of(R"({"camera_path": 3})"), "no error");
+  EXPECT_NE(error_of(R"({"camera_path": 3})"), "");
   EXPECT_NE(error_of(R"({"camera_path": [3], "render_width": 4, "render_height": 4})")
                 .find("camera_path[0]: expected an object"),
             std::string::npos);
@@ -178,7 +168,7 @@ TEST_F(CameraPathJson, ErrorsNameFileAndPlace) {
 
 TEST_F(CameraPathJson, EveryPrefixAndByteFlipGivesAPathOrAnError) {
   for (size_t n = 0; n < kExported.size(); ++n)
-    EXPECT_NE(error_of(kExported.substr(0, n)), "no error") << n;
+    EXPECT_NE(error_of(kExported.substr(0, n)), "") << n;
   for (size_t i = 0; i < kExported.size(); ++i)
     for (const int flip : {1, 0x20, 0x80, 0xff}) {
       std::string json = kExported;
@@ -189,7 +179,7 @@ TEST_F(CameraPathJson, EveryPrefixAndByteFlipGivesAPathOrAnError) {
 
 TEST_F(CameraPathJson, FilesThatCannotBeReadSaySo) {
   EXPECT_THROW(read_camera_path(folder_ / "none.json"), Error);
-  EXPECT_THROW(read_camera_path(folder_), Error);
+  EXPECT_THROW(read_camera_path(folder_.path()), Error);
 }
 
 }  // namespace

@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "nerf/base/file.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/video.h"
 #include "support/temp_folder.h"
 #include "test_scenes.h"
 
@@ -147,6 +150,9 @@ TEST(LoadScene, ColmapBeforeTransformsAndFormatOverrides) {
   const Scene transforms = load_scene(folder.path(), options);
   EXPECT_EQ(transforms.report.format, "transforms.json");
   EXPECT_EQ(transforms.views[0].name, "images/0.png");
+  EXPECT_EQ(transforms.report.ignored,
+            (std::vector<std::string>{"COLMAP model (sparse/0, sparse or colmap/sparse/0)",
+                                      "poses_bounds.npy"}));
   EXPECT_EQ(load_scene(folder / "transforms.json").report.format, "transforms.json");
 
   options.format = SceneFormat::kBlender;
@@ -178,6 +184,51 @@ TEST(LoadScene, PhotosNeedAKnownCameraModelAndAFolderToWorkIn) {
   options.camera_model = "OPENCV";
   write_picture(folder / "masks" / "0.png");
   EXPECT_TRUE(contains(load_error(folder.path(), options), "masks/"));
+}
+
+// A film by the installed ffmpeg; a stand-in for colmap gives its frames the poses of a ring.
+TEST(LoadScene, FramesOfAVideoBecomeAScene) {
+  TempFolder folder;
+  std::vector<fs::path> frames;
+  TestModel model = ring_model(6, 20);
+  for (size_t i = 0; i < model.images.size(); ++i) {
+    frames.push_back(folder / fmt::format("{}.png", i));
+    write_picture(frames.back());
+    model.images[i].name = fmt::format("frame_{:06}.jpg", i + 1);
+  }
+  fs::create_directories(folder / "capture");
+  write_video(folder / "capture" / "walk.mp4", frames);
+  write_video(folder / "capture" / "zoom.mp4", frames);
+  write_colmap_text(model, folder / "model");
+  fs::create_directory(folder / "bin");
+  write_text(folder / "bin" / "colmap",
+             "#!/bin/sh\n"
+             "[ \"$2\" = -h ] && exit 0\n"
+             "[ \"$1\" = feature_extractor ] && : > \"$3\"\n"
+             "[ \"$1\" = mapper ] || exit 0\n"
+             "while [ \"$1\" != --output_path ]; do shift; done\n"
+             "mkdir \"$2/0\" && cp \"$STANDIN_MODEL\"/* \"$2/0\"\n");
+  fs::permissions(folder / "bin" / "colmap", fs::perms{0755});
+  const std::string path = ::getenv("PATH");
+  ::setenv("PATH", ((folder / "bin").string() + ":" + path).c_str(), 1);
+  ::setenv("STANDIN_MODEL", (folder / "model").c_str(), 1);
+  SceneOptions options;
+  options.work_folder = folder / "run" / "capture";
+  options.run_folder = folder / "run";
+  Scene scene;
+  const std::string error = error_of([&] { scene = load_scene(folder / "capture", options); });
+  ::setenv("PATH", path.c_str(), 1);
+  ::unsetenv("STANDIN_MODEL");
+  ASSERT_EQ(error, "");
+  EXPECT_EQ(scene.options.format, SceneFormat::kVideo);
+  EXPECT_EQ(scene.report.format.rfind("video walk.mp4, photos, COLMAP text", 0), 0u)
+      << scene.report.format;
+  EXPECT_EQ(scene.report.ignored, std::vector<std::string>{"zoom.mp4"});
+  ASSERT_EQ(scene.views.size(), 6u);
+  EXPECT_EQ(scene.views[5].name, "frame_000006.jpg");
+  EXPECT_LT(length(scene.views[5].pose.translation - ring_pose(5, 6).translation), 1e-9);
+  ThreadPool pool(1);
+  EXPECT_EQ(load_photos(scene, pool).photos[0].width, 40);
 }
 
 TEST(LoadScene, TheLargestOfSeveralModels) {
@@ -342,13 +393,12 @@ TEST(FormatReport, SaysWhatAPersonWantsToKnow) {
   write_picture(folder / "masks" / "00.png");
   fs::remove(folder / "images" / "03.png");
   Scene scene = load_scene(folder.path());
-  scene.report.fraction_masked = 0.125;
   scene.report.ignored.push_back("something");
   const std::string text = format_report(scene.report);
   for (const char* part :
        {"scene         COLMAP binary, sparse/0\n", "9 registered of 9, 1 missing\n",
         "PINHOLE 40x30\n", "60, mean reprojection error 0.50 px\n", "extent        (",
-        "near, far     ", "up            (", "12.5 % of all pixels masked out",
+        "near, far     ", "up            (", "masks         1 of 8 images\n",
         "values of 128 and more keep", "memory        about ", "ignored       something\n",
         "warning       1 of 9 registered"}) {
     EXPECT_TRUE(contains(text, part));

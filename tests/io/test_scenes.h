@@ -19,6 +19,7 @@
 #include "nerf/io/image.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
+#include "support/temp_folder.h"
 
 namespace nerf::test {
 
@@ -143,10 +144,6 @@ inline void write_bytes(const std::filesystem::path& path, const std::vector<cha
   out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   ASSERT_TRUE(out.flush()) << path;
 }
-inline void write_text(const std::filesystem::path& path, const std::string& text) {
-  write_bytes(path, {text.begin(), text.end()});
-}
-
 inline std::vector<char> cameras_bytes(const TestModel& model) {
   ByteWriter out;
   out.put(uint64_t{model.cameras.size()});

@@ -84,6 +84,9 @@ TEST_F(Video, BadFramesAreErrorsAndLeaveTheOldFilm) {
                        "view 1.png: this frame is 32 x 32 pixels and the first one 65 x 49"));
   // Good header, broken pixels: ffmpeg itself fails.
   const auto broken = frame(2);
+  fs::resize_file(broken, fs::file_size(broken) / 2);
+  EXPECT_TRUE(contains(error_of([&] { write_video(film, {frame(0), broken}); }), "view 2.png"));
+  EXPECT_EQ(read_text_file(film), "old");
   VideoOptions options;
   options.frames_per_second = 0;
   EXPECT_TRUE(contains(error_of([&] { write_video(film, {frame(0)}, options); }), "--fps"));
@@ -154,6 +157,20 @@ TEST_F(Video, TruncatedVideoGivesTheFramesThatItHas) {
   const auto count = std::distance(fs::directory_iterator(out), fs::directory_iterator());
   EXPECT_GT(count, 3);
   EXPECT_LT(count, 20);
+}
+
+TEST(VideoTools, MissingTemporaryFolderIsAnErrorThatNamesIt) {
+  const TempFolder folder;
+  const char* before = ::getenv("TMPDIR");
+  const std::string old = before ? before : "";
+  ::setenv("TMPDIR", (folder / "none").c_str(), 1);
+  const std::string error = error_of([] { check_video_tools(); });
+  if (before)
+    ::setenv("TMPDIR", old.c_str(), 1);
+  else
+    ::unsetenv("TMPDIR");
+  EXPECT_TRUE(contains(error, (folder / "none").string()));
+  EXPECT_TRUE(contains(error, "set TMPDIR to a folder that exists"));
 }
 
 TEST(VideoTools, MissingProgramIsAnErrorWithItsCommand) {

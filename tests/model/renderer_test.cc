@@ -87,5 +87,27 @@ TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
   EXPECT_GT(outside, 100);
 }
 
+// Density 1 per engine unit is `scale` per input unit, whatever the direction; sigmoid(0) is a
+// half.
+TEST(Query, GivesDensityPerInputUnitAndNoneOutside) {
+  const Similarity to_engine = tilted();
+  ASSERT_EQ(to_engine.scale, 0.25);
+  const RadianceField field = homogeneous_field(to_engine);
+  // More points than fit into one chunk, alternately inside [-1, 1]^3 and outside.
+  std::vector<Vec3d> points, directions;
+  for (int i = 0; i < 2 * kChunkSamples + 3; ++i) {
+    const double a = 0.1 * i, at = i % 2 == 0 ? 0.99 : 1.01;
+    points.push_back(to_engine.apply_inverse(Vec3d{at * std::cos(a), i % 3 == 0 ? at : -at, at}));
+    directions.push_back(normalized(Vec3d{std::sin(a), std::cos(a), 0.3}));
+  }
+  std::vector<float> density(points.size()), rgb(3 * points.size());
+  ThreadPool pool(2);
+  field.query(points, directions, density, rgb, pool);
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(density[i], i % 2 == 0 ? 0.25f : 0.0f) << i;
+    for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5f) << i;
+  }
+}
+
 }  // namespace
 }  // namespace nerf

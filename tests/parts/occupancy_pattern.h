@@ -11,6 +11,8 @@
 
 namespace nerf {
 
+inline const Box3 kEverywhere{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}};
+
 // Integer place of a cell in its cascade, each in [0, side).
 struct CellPlace {
   int cascade, x, y, z;

@@ -12,8 +12,6 @@
 namespace nerf {
 namespace {
 
-const Box3 kEverywhere{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}};
-
 SamplerOptions endless() {
   SamplerOptions options;
   options.min_transmittance = 0;

@@ -13,8 +13,6 @@
 namespace nerf {
 namespace {
 
-const Box3 kEverywhere{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}};
-
 // Noise of all levels in two cascades.
 const OccupancyGrid& noise() {
   static const OccupancyGrid grid = make_grid(2, [](const CellPlace& p) -> uint8_t {

@@ -13,7 +13,6 @@
 namespace nerf {
 namespace {
 
-const Box3 kEverywhere{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}};
 using Colour = std::array<double, 3>;
 
 struct Medium {

@@ -1,10 +1,14 @@
-// For tests: a folder that is removed with its content, and the message of an expected Error.
+// For tests: a folder that is removed with its content, small files in it, and the message of an
+// expected Error.
 #pragma once
 
 #include <gtest/gtest.h>
 #include <stdlib.h>
 
 #include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
 #include <string>
 
 #include "nerf/base/error.h"
@@ -35,6 +39,20 @@ class TempFolder {
  private:
   std::filesystem::path path_;
 };
+
+// The whole file; empty where it cannot be read. For files that another process may be writing.
+inline std::string read_text(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+// Makes the folders above where they are missing. Not atomic and not synced: quick.
+inline void write_text(const std::filesystem::path& path, const std::string& text) {
+  std::filesystem::create_directories(path.parent_path());
+  std::ofstream(path, std::ios::binary) << text;
+}
 
 // What the Error says that `body` throws; empty (and so without any part) where it throws none.
 template <class Body>

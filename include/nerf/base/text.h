@@ -15,4 +15,12 @@ std::string line_and_column(std::string_view text, size_t byte);
 // value, everything else bytewise; equal values by the number of leading zeros.
 bool natural_less(std::string_view a, std::string_view b);
 
+// The first characters of UTF-8 text, at most `bytes` long; a character is left out rather than
+// cut.
+std::string shortened(std::string text, size_t bytes);
+
+// File systems take 255 bytes; a name must leave room for an ending and for what a temporary file
+// adds.
+inline constexpr size_t kLongestFileStem = 200;
+
 }  // namespace nerf

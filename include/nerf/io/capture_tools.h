@@ -15,6 +15,10 @@ struct CaptureFolders {
   std::filesystem::path run;   // the run's folder: pictures below it are no photos; empty: none
 };
 
+// Throws Error that names --camera-model where COLMAP has no camera model of this name that the
+// engine knows.
+void check_camera_model(const std::string& name);
+
 // Runs the installed colmap on the CPU over a folder of photos (sub-folders included).
 // `camera_model` is COLMAP's name of a model. Everything is written below folders.work, nothing
 // beside the photos. Returns a folder that load_scene reads: images/ (a link to the photos) and

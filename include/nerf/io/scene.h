@@ -58,13 +58,12 @@ struct SceneReport {
   std::vector<std::string> camera_models;  // e.g. "OPENCV 1080x1920"
   double mean_reprojection_error = 0;      // pixels; 0 where unknown
   int points = 0;
-  Vec3d up;                    // input coordinates, unit
-  Box3 extent;                 // of cameras and central points, input coordinates
-  double near = 0, far = 0;    // input units
-  double fraction_masked = 0;  // known after photos are decoded
+  Vec3d up;                  // input coordinates, unit
+  Box3 extent;               // of cameras and central points, input coordinates
+  double near = 0, far = 0;  // input units
   int masks = 0;
   std::string mask_convention;
-  uint64_t memory_estimate_bytes = 0;  // of photos, model and trainer
+  uint64_t memory_estimate_bytes = 0;  // of the photos; a trainer adds its own
   uint64_t memory_limit_bytes = 0;     // of this process
   std::vector<std::string> ignored;    // inputs that were found and not used
   std::vector<std::string> warnings;
@@ -76,8 +75,8 @@ struct Scene {
   std::vector<View> views;      // registered views whose image exists, sorted bytewise by name
   std::vector<ScenePoint> points;
   std::vector<int> train, test;  // indices into views
-  SceneOptions options;
-  bool alpha = false;  // photos carry alpha (Blender): composite on a background
+  SceneOptions options;          // as given; `format` is the one that was found
+  bool alpha = false;            // photos carry alpha (Blender): composite on a background
 
   // Input coordinates to engine coordinates: +z up, centred on what the cameras look at. A bounded
   // scene fits [-1, 1]^3; of an unbounded one the region between the cameras does.

@@ -16,6 +16,10 @@ struct VideoOptions {
   std::function<void(int done, int total)> progress;
 };
 
+// What write_video needs besides frames, to be known before these are made: the program, which it
+// returns, and a folder for temporary files. Throws Error.
+std::filesystem::path check_video_tools();
+
 // Writes an MP4 (H.264, 4:2:0, BT.709) of the frames in the order given; they are image files of
 // one size. An odd width or height loses its last column or row, which the format cannot hold. The
 // film appears whole or not at all. Throws Error: ffmpeg not installed (with the command that

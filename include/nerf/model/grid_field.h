@@ -58,7 +58,8 @@ struct GridOptions {
     v("samples_per_cell", sampler.samples_per_cell,
       "network samples per effective cell that a ray's light comes from", above(0));
     v("uniform_share", sampler.uniform_share,
-      "share of samples drawn over all matter on the ray, whatever the cached density says",
+      "weight of samples spread over all matter on the ray, against 1 of those that follow the "
+      "light which the cached density predicts: 1 spreads half of them",
       above(0), at_most(10));
     v("min_transmittance", sampler.min_transmittance,
       "a ray's march stops where the cached density lets less light through (0: never)",

@@ -55,4 +55,7 @@ Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoS
                     const std::function<void(double)>& progress = {},
                     const Cancel* cancel = nullptr);
 
+// Bytes that evaluate() takes for a view of so many pixels, besides field and photos: an estimate.
+uint64_t evaluation_memory_bytes(uint64_t pixels);
+
 }  // namespace nerf

@@ -58,9 +58,9 @@ struct RunResult {
   }
 };
 
-// Bytes that a trainer takes with its model, without the photos: an estimate from above. Allocates
-// nothing.
-uint64_t training_memory_bytes(const TrainOptions& options, int threads);
+// Bytes that a trainer takes with its model, saving and resuming included, without the photos: an
+// estimate from above. Allocates nothing.
+uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int threads);
 
 // How often a run may go back before it is given up.
 inline constexpr int kMostFailures = 3;

@@ -1,7 +1,12 @@
-// For tests: options with which a step takes milliseconds.
+// For tests: options with which a step takes milliseconds, and everything that steps wrote.
 #pragma once
 
+#include <cstdint>
+#include <vector>
+
+#include "nerf/base/file.h"
 #include "nerf/train/trainer.h"
+#include "support/temp_folder.h"
 
 namespace nerf::test {
 
@@ -18,6 +23,13 @@ inline TrainOptions tiny_options(int64_t steps) {
   o.grid.hidden = 16;
   o.grid.colour_layers = 1;
   return o;
+}
+
+// The trainer's state as bytes.
+inline std::vector<uint8_t> bits_of(const Trainer& trainer) {
+  const TempFolder folder;
+  trainer.save_checkpoint(folder / "bits");
+  return read_file(folder / "bits");
 }
 
 }  // namespace nerf::test

@@ -1,0 +1,77 @@
+// nerf_bench as a user runs it: that it measures and writes what it promises, never how fast.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <sstream>
+
+#include "blender_scene.h"
+#include "run_program.h"
+
+namespace nerf {
+namespace {
+
+namespace fs = std::filesystem;
+using testing_apps::expect_refused;
+using testing_apps::ProgramResult;
+using testing_apps::run_program;
+using testing_apps::TempFolder;
+
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream in(text);
+  for (std::string line; std::getline(in, line);) lines.push_back(line);
+  return lines;
+}
+
+TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
+  TempFolder folder;
+  test::write_blender_scene(folder.path() / "capture");
+  const fs::path out = folder.path() / "bench";
+  const ProgramResult result = run_program(
+      NERF_BENCH_PROGRAM, {"scene", (folder.path() / "capture").string(), "-o", out.string(),
+                           "--minutes", "0.02,0.01", "--seeds", "1", "--scaling-minutes", "0"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::vector<std::string> lines = lines_of(result.out);
+  ASSERT_GE(lines.size(), 4u) << result.out;
+  for (const char* column : {"training s", "decoding s", "evaluation s", "peak memory MB"})
+    EXPECT_NE(lines[0].find(column), std::string::npos) << lines[0];
+  for (size_t i = 1; i < 4; ++i)  // as many columns in every line
+    EXPECT_EQ(std::count(lines[i].begin(), lines[i].end(), '|'),
+              std::count(lines[0].begin(), lines[0].end(), '|'))
+        << lines[i];
+  EXPECT_EQ(lines[2].rfind("| 0.02 | 1 | ", 0), 0u) << lines[2];
+  // The model that is rendered is that of the largest budget; both held-out views are.
+  EXPECT_NE(result.out.find("rendering 2 held-out views of m0.02_s1, 32x32"), std::string::npos)
+      << result.out;
+  EXPECT_NE(result.out.find("largest difference of PSNR"), std::string::npos) << result.out;
+
+  const std::vector<std::string> curve = lines_of(testing_apps::read_text(out / "quality.csv"));
+  ASSERT_EQ(curve.size(), 3u);
+  EXPECT_EQ(curve[0], "run,seed,seconds,step,psnr,ssim,views");
+  EXPECT_EQ(curve[1].rfind("m0.02_s1,1,", 0), 0u) << curve[1];
+  EXPECT_TRUE(curve[1].ends_with(",2")) << curve[1];
+}
+
+TEST(NerfBench, MistakesAreFoundBeforeAnythingIsWritten) {
+  TempFolder folder;
+  const std::string out = (folder.path() / "bench").string();
+  const auto refused = [&](const char* option, const char* value) {
+    expect_refused(
+        run_program(NERF_BENCH_PROGRAM, {"scene", "/nonexistent", "-o", out, option, value}),
+        "nerf_bench", {option});
+    EXPECT_FALSE(fs::exists(out));
+  };
+  for (const char* minutes : {"", "2,", ",2", "2,,6", "0", "-1", "nan", "inf", "2;6"})
+    refused("--minutes", minutes);
+  for (const char* seeds : {"", "1,", "1.5", "-1", "one"}) refused("--seeds", seeds);
+  refused("--split", "tset");
+}
+
+TEST(NerfBench, SaysItsVersion) {
+  const ProgramResult result = run_program(NERF_BENCH_PROGRAM, {"--version"});
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_EQ(result.out.rfind("nerf_bench ", 0), 0u) << result.out;
+}
+
+}  // namespace
+}  // namespace nerf
