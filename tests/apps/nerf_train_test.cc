@@ -113,7 +113,7 @@ class NerfTrain : public ::testing::Test {
 
 TEST_F(NerfTrain, WritesWhatItPromises) {
   const ProgramResult result =
-      train(tiny({scene(), "-o", run_folder(), "--steps", "60", "--report-every", "20"}));
+      train(tiny({scene(), "-o", run_folder(), "--steps", "180", "--report-every", "60"}));
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(result.out, "");
   EXPECT_EQ(result.lines()[0].rfind("nerf_train ", 0), 0u);
@@ -124,7 +124,7 @@ TEST_F(NerfTrain, WritesWhatItPromises) {
     expect_line(result, part);
 
   const auto json = nlohmann::json::parse(file("result.json"));
-  EXPECT_EQ(json["steps"], 60);
+  EXPECT_EQ(json["steps"], 180);
   // Half of the squared error (3 dB) that a picture without anything in it has, and more alike.
   ThreadPool pool(1);
   double empty_psnr = 0, empty_ssim = 0;
@@ -147,10 +147,10 @@ TEST_F(NerfTrain, WritesWhatItPromises) {
   for (const auto& view : json["views"]) psnr += view["psnr"].get<double>() / 2;
   EXPECT_NEAR(json["psnr"].get<double>(), psnr, 1e-9);
 
-  EXPECT_EQ(steps_of_metrics(), (std::vector<int>{20, 40, 60}));
-  EXPECT_NE(file("metrics.jsonl").find("\"kind\":\"evaluation\",\"step\":60"), std::string::npos);
+  EXPECT_EQ(steps_of_metrics(), (std::vector<int>{60, 120, 180}));
+  EXPECT_NE(file("metrics.jsonl").find("\"kind\":\"evaluation\",\"step\":180"), std::string::npos);
   const auto options = nlohmann::json::parse(file("options.json"));
-  EXPECT_EQ(options["steps"], 60);
+  EXPECT_EQ(options["steps"], 180);
   EXPECT_EQ(options["grid"]["levels"], 4);
   EXPECT_EQ(options["resume"], false);
   EXPECT_EQ(std::distance(fs::directory_iterator(fs::path(run_folder()) / "eval"), {}), 2);
