@@ -13,7 +13,7 @@ namespace {
 constexpr int kWindow = 11, kHalf = kWindow / 2;
 // Windows of a tile, whose filtered rows stay in a core's cache.
 constexpr int kTileRows = 64, kTileColumns = 200;
-// Moments of a window: a, b, a^2, b^2, a b.
+// Moments of a window: a, b, a^2, b^2, a b; with a mask also the weight of what counts.
 constexpr size_t kMoments = 5;
 
 std::array<double, kWindow> window_weights() {
@@ -74,15 +74,15 @@ Sum tile_sum(const Image8& a, const Image8& b, std::span<const uint8_t> mask, co
   const size_t count = static_cast<size_t>(tile.x1 - tile.x0) * channels;
   const size_t in_count = count + (kWindow - 1) * channels;
   const size_t in_rows = rows + kWindow - 1;
+  const size_t filters = kMoments + (mask.empty() ? 0 : 1);
   // Along the rows first: moment k of image row r of the tile is filtered[(k * in_rows + r) *
   // count].
-  std::vector<double> products(kMoments * in_count), filtered(kMoments * in_rows * count);
+  std::vector<double> products(filters * in_count), filtered(filters * in_rows * count);
   for (size_t r = 0; r < in_rows; ++r) {
-    const size_t from = ((static_cast<size_t>(tile.y0) + r) * static_cast<size_t>(a.width) +
-                         static_cast<size_t>(tile.x0)) *
-                        channels;
-    const uint8_t* row_a = a.pixels.data() + from;
-    const uint8_t* row_b = b.pixels.data() + from;
+    const size_t pixel = (static_cast<size_t>(tile.y0) + r) * static_cast<size_t>(a.width) +
+                         static_cast<size_t>(tile.x0);
+    const uint8_t* row_a = a.pixels.data() + pixel * channels;
+    const uint8_t* row_b = b.pixels.data() + pixel * channels;
     double* p = products.data();
     for (size_t i = 0; i < in_count; ++i) {
       const double va = row_a[i] * (1 / 255.0), vb = row_b[i] * (1 / 255.0);
@@ -92,14 +92,19 @@ Sum tile_sum(const Image8& a, const Image8& b, std::span<const uint8_t> mask, co
       p[3 * in_count + i] = vb * vb;
       p[4 * in_count + i] = va * vb;
     }
-    for (size_t k = 0; k < kMoments; ++k) {
+    for (size_t i = 0; i < in_count && !mask.empty(); ++i) {
+      const bool counts = mask[pixel + i / channels] != 0;
+      for (size_t k = 0; k < kMoments; ++k) p[k * in_count + i] *= counts;
+      p[kMoments * in_count + i] = counts;
+    }
+    for (size_t k = 0; k < filters; ++k) {
       filter(p + k * in_count, channels, count, &filtered[(k * in_rows + r) * count]);
     }
   }
-  std::vector<double> window(kMoments * count);
+  std::vector<double> window(filters * count);
   Sum sum;
   for (size_t y = 0; y < rows; ++y) {
-    for (size_t k = 0; k < kMoments; ++k) {
+    for (size_t k = 0; k < filters; ++k) {
       filter(&filtered[(k * in_rows + y) * count], count, count, &window[k * count]);
     }
     const size_t centre =
@@ -108,7 +113,8 @@ Sum tile_sum(const Image8& a, const Image8& b, std::span<const uint8_t> mask, co
     for (size_t i = 0; i < count; ++i) {
       if (!mask.empty() && mask[centre + i / channels] == 0) continue;
       double moments[kMoments];
-      for (size_t k = 0; k < kMoments; ++k) moments[k] = window[k * count + i];
+      const double weight = mask.empty() ? 1 : window[kMoments * count + i];
+      for (size_t k = 0; k < kMoments; ++k) moments[k] = window[k * count + i] / weight;
       sum.value += similarity(moments);
       ++sum.count;
     }

@@ -22,9 +22,8 @@ constexpr int64_t kNoPlan = int64_t{1} << 40;
 // may be faster than late ones, and must not leave the hold before.
 constexpr double kPlanWithinHold = 0.8;
 constexpr double kLeastHold = 0.02;
-// A late step takes longer than those of the warm-up: the more of space is known to be empty, the
-// more rays share its samples (docs/architecture.md).
-constexpr double kLateStep = 1.07;
+// For what late steps cost beside the drawing of their rays, whose change is measured.
+constexpr double kLateStep = 1.02;
 constexpr double kFirstSave = 0.25;  // of the interval between checkpoints
 constexpr double kEmptyOpacity = 0.001;
 constexpr double kEmptyShare = 0.02;  // of the photos' own opacity
@@ -120,7 +119,10 @@ class Run {
   // As many steps as the rest of the budget has room for, but not below `least`.
   void plan(int64_t least) {
     const double left = std::max(budget_ - result_.train_seconds, 0.0);
-    const int64_t room = static_cast<int64_t>(left / (kLateStep * speed_.step_seconds_ahead()));
+    const double early = speed_.step_seconds_ahead();
+    // The saving grows from nothing to the whole of it.
+    const double late = std::max(0.25 * early, early - 0.5 * trainer_.late_saving_seconds());
+    const int64_t room = static_cast<int64_t>(left / (kLateStep * late));
     const int64_t steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, room));
     trainer_.set_planned_steps(steps);
     if (callbacks_.planned) callbacks_.planned(steps);

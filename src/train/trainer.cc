@@ -171,6 +171,24 @@ StepReport Trainer::Impl::step() {
   return report;
 }
 
+double Trainer::Impl::late_saving_seconds() {
+  constexpr int kRepeats = 3;
+  const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
+  const float late = options.grid.sampler.samples_per_cell;
+  double rays = capacity / std::max(samples_per_ray, 0.05), least[2] = {1e30, 1e30};
+  for (const float samples : {samples_per_cell_at(done), late}) {
+    double& time = least[samples == late];
+    for (int i = 0; i < kRepeats; ++i) {
+      const double begin = seconds();
+      maker.fill(options.seed ^ salt, done, static_cast<int64_t>(rays), samples, batch);
+      time = std::min(time, seconds() - begin);
+      rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
+                                    static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
+    }
+  }
+  return least[0] < 1e30 ? least[0] - least[1] : 0;
+}
+
 void Trainer::Impl::run_chunks() {
   const int64_t ld = kChunkSamples;
   const int64_t rows = field.shape.features();
@@ -367,6 +385,7 @@ Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions&
 Trainer::~Trainer() = default;
 
 StepReport Trainer::step() { return impl_->step(); }
+double Trainer::late_saving_seconds() { return impl_->late_saving_seconds(); }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& callback, const Cancel* cancel) {
   while (impl_->done < impl_->options.steps) {

@@ -28,6 +28,7 @@ struct Trainer::Impl {
   static constexpr int kAccumulators = 32;
 
   StepReport step();
+  double late_saving_seconds();
   // 0 during the hold, then linearly to 1 at the end of the plan.
   double progress_at(int64_t step) const;
   float rate_at(int64_t step) const;

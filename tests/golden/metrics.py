@@ -42,15 +42,20 @@ def picture(case, width, height, channels):
     return a, b
 
 
-def ssim_map(a, b):
+def ssim_map(a, b, keep):
+    """Masked-out pixels have no weight in a window; nan where its centre is masked out."""
     i = np.arange(11) - 5
     g = np.exp(-0.5 * (i / 1.5) ** 2)
-    window = np.outer(g, g)
-    window /= window.sum()
+    gauss = np.outer(g, g)
     height, width, channels = a.shape
     result = np.zeros((height - 10, width - 10, channels))
     for y in range(height - 10):
         for x in range(width - 10):
+            if not keep[y + 5, x + 5]:
+                result[y, x] = np.nan
+                continue
+            window = gauss * keep[y:y + 11, x:x + 11]
+            window = window / window.sum()
             for c in range(channels):
                 p, q = a[y:y + 11, x:x + 11, c], b[y:y + 11, x:x + 11, c]
                 mp, mq = (window * p).sum(), (window * q).sum()
@@ -72,7 +77,7 @@ def main():
         for masked in (0, 1):
             k = keep if masked else np.ones_like(keep)
             mse = ((a - b) ** 2)[k].mean()
-            ssim = ssim_map(a, b)[k[5:-5, 5:-5]]
+            ssim = ssim_map(a, b, k)[k[5:-5, 5:-5]]
             print(case, width, height, channels, masked, repr(float(-10 * np.log10(mse))),
                   repr(float(ssim.mean())) if ssim.size else "none")
 

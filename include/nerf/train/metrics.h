@@ -23,7 +23,8 @@ std::optional<double> psnr(const Image8& a, const Image8& b, std::span<const uin
 
 // Structural similarity as mip-NeRF computes it: Gaussian window of 11 x 11 with sigma 1.5, k1
 // 0.01, k2 0.03, windows that lie wholly in the picture, variances clipped at 0 and the covariance
-// at their geometric mean; the mean over all windows whose centre counts and all channels. No value
+// at their geometric mean; the mean over all windows whose centre counts and all channels. In a
+// window only pixels that count have weight. No value
 // where there is no such window (also in pictures below 11 x 11). The same bits for any number of
 // threads.
 std::optional<double> ssim(const Image8& a, const Image8& b, ThreadPool& pool,
