@@ -114,8 +114,9 @@ class Trainer {
   // A copy to render from or save.
   RadianceField snapshot() const;
 
-  // Seconds that drawing a step's rays takes less (below 0: more) at the end of the plan, when a ray
-  // gets all its samples, than now: measured by drawing some for both. Training does not change.
+  // Seconds that drawing a step's rays takes less (below 0: more) at the end of the plan, when a
+  // ray gets all its samples, than now: measured by drawing some for both. Training does not
+  // change.
   double late_saving_seconds();
 
   // Changes the planned length (a time budget fixes it after a warm-up). The steps before
