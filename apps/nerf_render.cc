@@ -4,6 +4,7 @@
 #include "app.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "nerf/base/progress.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/video.h"

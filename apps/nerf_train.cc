@@ -6,6 +6,7 @@
 
 #include "app.h"
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "nerf/base/progress.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/photos.h"

@@ -10,6 +10,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "nerf/kernels/simd.h"
 
 namespace nerf::apps {

@@ -136,8 +136,8 @@ void Tape::plan() {
   arena_floats_ = arena.end();
 }
 
-void Tape::forward(Chunk& chunk, size_t count) const {
-  for (size_t i = 0; i < count; ++i) operations_[i]->forward(chunk);
+void Tape::forward(Chunk& chunk, size_t first, size_t last) const {
+  for (size_t i = first; i < last; ++i) operations_[i]->forward(chunk);
 }
 
 void Tape::backward(Chunk& chunk) const {

@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <cerrno>
 #include <climits>
@@ -77,25 +76,21 @@ Buffer read_whole(const fs::path& path, uint64_t max_bytes) {
   const Fd fd = open_regular(path, max_bytes, &expected);
   Buffer buffer;
   try {
-    buffer.resize(std::min(max_bytes, expected + 1));  // the end is seen without growing
+    buffer.resize(std::min(max_bytes, expected + 1));  // growing at the end would hold it twice
   } catch (const std::bad_alloc&) {
     throw Error("not enough memory to read " + size_text(expected), path.string());
   }
   uint64_t done = 0;
-  // Files of /proc report a size of 0, and a file may grow while it is read. What is beyond the
-  // expected size is read aside: growing the buffer for nothing would hold a large file twice.
-  std::array<uint8_t, 4096> beyond;
   for (;;) {
-    const bool full = done == buffer.size();
-    if (full && done >= max_bytes) break;
-    void* to = full ? static_cast<void*>(beyond.data()) : buffer.data() + done;
-    const uint64_t room =
-        full ? std::min<uint64_t>(beyond.size(), max_bytes - done) : buffer.size() - done;
-    const ssize_t n = ::read(fd.get(), to, room);
+    if (done == buffer.size()) {
+      // Files of /proc report a size of 0, and a file may grow while it is read.
+      if (done >= max_bytes) break;
+      buffer.resize(std::min<uint64_t>(max_bytes, done + 4096));
+    }
+    const ssize_t n = ::read(fd.get(), buffer.data() + done, buffer.size() - done);
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) throw errno_error(errno, "cannot read", path);
     if (n == 0) break;
-    if (full) buffer.insert(buffer.end(), beyond.begin(), beyond.begin() + n);
     done += static_cast<uint64_t>(n);
   }
   buffer.resize(done);

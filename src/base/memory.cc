@@ -1,4 +1,6 @@
-// What this process may use: memory (file.h) and the limits of its control groups.
+// Limits come from the system, the process and its control groups.
+#include "nerf/base/memory.h"
+
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -11,7 +13,6 @@
 #include <string_view>
 
 #include "cgroup.h"
-#include "nerf/base/file.h"
 
 namespace nerf {
 namespace {

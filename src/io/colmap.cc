@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "nerf/math/camera_paths.h"
 #include "paths.h"
 #include "scene_limits.h"
 
@@ -56,12 +57,8 @@ void ColmapBuilder::add_image(const Cursor& at, uint32_t id,
   if (std::abs(norm - 1) > 0.1) {
     at.fail(fmt::format("{} has a rotation quaternion of length {:.3g} in place of 1", who, norm));
   }
-  const double w = qw / norm, x = qx / norm, y = qy / norm, z = qz / norm;
   Pose world_to_camera;
-  world_to_camera.rotation.m = {
-      {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
-       {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
-       {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}}};
+  world_to_camera.rotation = to_rotation({qw / norm, qx / norm, qy / norm, qz / norm});
   world_to_camera.translation = {tx, ty, tz};
 
   const auto camera = camera_index_.find(camera_id);

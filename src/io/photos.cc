@@ -12,6 +12,7 @@
 #include "image_decode.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "nerf/io/image.h"
 #include "photo_plan.h"
 #include "resample.h"

@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "scene_detect.h"
 #include "scene_frame.h"
 

@@ -1,9 +1,9 @@
 // Up direction and focus of a capture.
 #include <Eigen/Dense>
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "nerf/math/camera_paths.h"
 #include "scene_frame.h"
 
 namespace nerf::internal {
@@ -57,10 +57,7 @@ std::optional<Eigen::Vector3d> ring_normal(const std::vector<View>& views,
     angles.push_back(
         std::atan2(d.dot(solver.eigenvectors().col(1)), d.dot(solver.eigenvectors().col(2))));
   }
-  std::sort(angles.begin(), angles.end());
-  double gap = angles.front() + 2 * std::numbers::pi - angles.back();
-  for (size_t i = 1; i < angles.size(); ++i) gap = std::max(gap, angles[i] - angles[i - 1]);
-  if (gap > std::numbers::pi / 2) return std::nullopt;
+  if (!covered_arc(angles, std::numbers::pi / 2).full) return std::nullopt;
   Eigen::Vector3d normal = solver.eigenvectors().col(0);
   if (normal.dot(up) < 0) normal = -normal;
   // A ring on a slope is a ring as well: only a small correction is believable.

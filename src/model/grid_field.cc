@@ -87,11 +87,11 @@ GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
   delta = tape.input(1, Domain::kSamples);
   background = tape.input(3, Domain::kRays);
 
-  const Value h = mlp(tape, features, field.density_layers);
-  density = truncated_exp(tape, slice(tape, h, 0, 1));
+  geometry = mlp(tape, features, field.density_layers);
+  density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
-  colour =
-      sigmoid(tape, mlp(tape, concat(tape, h, view_code(tape, directions)), field.colour_layers));
+  colour = sigmoid(
+      tape, mlp(tape, concat(tape, geometry, view_code(tape, directions)), field.colour_layers));
   field_operations_ = tape.operations();
   image = composite(tape, density, colour, delta, background);
   if (training) {

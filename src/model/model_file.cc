@@ -63,6 +63,7 @@ RadianceField read_model(const ContainerReader& file) {
   std::vector<uint8_t> levels(field->occupancy.levels().size());
   file.read("occupancy", std::span(levels));
   field->occupancy.set_levels(levels);
+  field->occupancy.forget_training();
   field->clip = clip_from(header);
   return RadianceField(std::move(info), std::move(field));
 }

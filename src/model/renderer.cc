@@ -17,10 +17,10 @@ namespace {
 struct PixelState {
   int pixel = 0;
   float transmittance = 1;
-  float rgb[3] = {0, 0, 0};
-  float median = -1;  // distance at which half of the light is stopped
-  double start = 0;   // of the march, from the camera
-  float forward = 1;  // cosine between ray and optical axis
+  float unshaded = 0;  // weight of the samples left without colour
+  float median = -1;   // distance at which half of the light is stopped
+  double start = 0;    // of the march, from the camera
+  float forward = 1;   // cosine between ray and optical axis
 };
 
 // The box of the options: its axes are the input's, its unit and origin the engine's.
@@ -50,10 +50,12 @@ class TileRenderer {
         box_(box),
         tape_(field, /*training=*/false),
         chunk_(tape_.tape),
+        shading_(tape_.tape),
         sampler_(field.occupancy, sampler_options(field, options), field.clip) {
-    chunk_.weights = field.weights.data();
+    chunk_.weights = shading_.weights = field.weights.data();
     t_.resize(kChunkSamples);
     ray_begin_.resize(kChunkRays + 1);
+    shaded_begin_.resize(kChunkRays + 1);
   }
 
   void render_tile(int x0, int y0, int x1, int y1, Frame& frame, double unit) {
@@ -62,6 +64,7 @@ class TileRenderer {
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x) render_pixel(x, y);
     flush();
+    shade();
   }
 
  private:
@@ -161,16 +164,19 @@ class TileRenderer {
     chunk_.ray_begin = ray_begin_.data();
     encode(field_, x_.data(), y_.data(), z_.data(), samples_used_, chunk_.data(tape_.features),
            chunk_.stride(tape_.features));
-    tape_.forward_field(chunk_);
+    tape_.forward_density(chunk_);
     const float* density = chunk_.data(tape_.density);
-    const float* colour = chunk_.data(tape_.colour);
+    const float most_unshaded = options_.unclipped ? 0 : options_.unshaded;
     for (int r = 0; r < rays_; ++r) {
       PixelState& state = states_[static_cast<size_t>(r)];
       for (int i = ray_begin_[static_cast<size_t>(r)]; i < ray_begin_[static_cast<size_t>(r) + 1];
            ++i) {
         const float alpha = -std::expm1(-density[i] * delta[i]);
         const float w = state.transmittance * alpha;
-        for (int k = 0; k < 3; ++k) state.rgb[k] += w * colour[k * kChunkSamples + i];
+        if (state.unshaded + w <= most_unshaded)
+          state.unshaded += w;
+        else
+          add_shaded(state.pixel, r, i, w);
         state.transmittance *= 1 - alpha;
         if (state.median < 0 && state.transmittance <= 0.5f)
           state.median = t_[static_cast<size_t>(i)];
@@ -183,11 +189,47 @@ class TileRenderer {
     rays_ = samples_used_ = 0;
   }
 
+  // Sample i of ray r waits for the colour network with others that matter.
+  void add_shaded(int pixel, int r, int i, float weight) {
+    if (shaded_ == kChunkSamples) shade();
+    const bool same_ray =
+        shaded_rays_ > 0 && shaded_pixel_[static_cast<size_t>(shaded_ - 1)] == pixel;
+    if (!same_ray) {
+      for (int k = 0; k < 3; ++k)
+        shading_.data(tape_.directions)[k * kChunkRays + shaded_rays_] =
+            chunk_.data(tape_.directions)[k * kChunkRays + r];
+      shaded_begin_[static_cast<size_t>(shaded_rays_++)] = shaded_;
+    }
+    const float* from = chunk_.data(tape_.geometry) + i;
+    float* to = shading_.data(tape_.geometry) + shaded_;
+    for (int f = 0; f < field_.options.geometry_features; ++f)
+      to[int64_t{f} * kChunkSamples] = from[int64_t{f} * kChunkSamples];
+    shaded_pixel_[static_cast<size_t>(shaded_)] = pixel;
+    shaded_weight_[static_cast<size_t>(shaded_)] = weight;
+    ++shaded_;
+  }
+
+  void shade() {
+    if (shaded_ == 0) return;
+    shaded_begin_[static_cast<size_t>(shaded_rays_)] = shaded_;
+    shading_.samples = shaded_;
+    shading_.rays = shaded_rays_;
+    shading_.ray_begin = shaded_begin_.data();
+    tape_.forward_colour(shading_);
+    const float* colour = shading_.data(tape_.colour);
+    for (int i = 0; i < shaded_; ++i) {
+      const size_t p = static_cast<size_t>(shaded_pixel_[static_cast<size_t>(i)]);
+      for (size_t k = 0; k < 3; ++k)
+        frame_->rgb[3 * p + k] += shaded_weight_[static_cast<size_t>(i)] *
+                                  colour[k * kChunkSamples + static_cast<size_t>(i)];
+    }
+    shaded_ = shaded_rays_ = 0;
+  }
+
   void finish(const PixelState& s) {
     const size_t p = static_cast<size_t>(s.pixel);
     for (int k = 0; k < 3; ++k)
-      frame_->rgb[3 * p + static_cast<size_t>(k)] =
-          s.rgb[k] + s.transmittance * options_.background[k];
+      frame_->rgb[3 * p + static_cast<size_t>(k)] += s.transmittance * options_.background[k];
     frame_->alpha[p] = 1 - s.transmittance;
     frame_->depth_z[p] =
         s.median < 0 ? 0.0f : static_cast<float>((s.start + s.median) * s.forward * unit_);
@@ -200,7 +242,7 @@ class TileRenderer {
   const RenderOptions& options_;
   std::optional<ObliqueBox> box_;
   GridTape tape_;
-  Chunk chunk_;
+  Chunk chunk_, shading_;
   RaySampler sampler_;
   RaySamples samples_;
   AlignedArray<float> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
@@ -209,6 +251,10 @@ class TileRenderer {
   PixelState states_[kChunkRays], carried_;
   bool last_[kChunkRays];
   int rays_ = 0, samples_used_ = 0;
+  std::vector<int32_t> shaded_begin_;
+  int shaded_pixel_[kChunkSamples];
+  float shaded_weight_[kChunkSamples];
+  int shaded_ = 0, shaded_rays_ = 0;
   Frame* frame_ = nullptr;
   double unit_ = 1;
 };

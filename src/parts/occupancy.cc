@@ -115,6 +115,7 @@ bool OccupancyGrid::brick_is_off(size_t brick) const {
 }
 
 void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
+  NERF_CHECK(opacity_.size() > 0);
   constexpr size_t kPerItem = 1024;  // bricks
   const size_t items = (masks_.size() + kPerItem - 1) / kPerItem;
   const auto each_item = [&](const auto& body) {
@@ -197,6 +198,11 @@ void OccupancyGrid::set_levels(std::span<const uint8_t> levels) {
     for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels_[b * 64 + i] != 0} << i;
   }
   measure_occupied();
+}
+
+void OccupancyGrid::forget_training() {
+  opacity_ = {};
+  solid_ = {};
 }
 
 void OccupancyGrid::measure_occupied() {

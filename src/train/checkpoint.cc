@@ -113,9 +113,4 @@ std::string Trainer::load_checkpoint(const std::filesystem::path& path) {
   return run_state;
 }
 
-void Trainer::vary(uint64_t salt, double rate_factor) {
-  impl_->salt = salt;
-  impl_->rate_factor = rate_factor;
-}
-
 }  // namespace nerf

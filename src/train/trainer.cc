@@ -414,7 +414,14 @@ RadianceField Trainer::snapshot() const {
     const View& view = impl_->scene.views[v];
     info.views.push_back({view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
   }
-  return RadianceField(std::move(info), std::make_shared<GridField>(impl_->field));
+  auto grid = std::make_shared<GridField>(impl_->field);
+  grid->occupancy.forget_training();
+  return RadianceField(std::move(info), std::move(grid));
+}
+
+void Trainer::vary(uint64_t salt, double rate_factor) {
+  impl_->salt = salt;
+  impl_->rate_factor = rate_factor;
 }
 
 void Trainer::restart(uint64_t salt, double rate_factor) {

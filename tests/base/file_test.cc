@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "base/cgroup.h"
+#include "nerf/base/memory.h"
 #include "support/sanitizers.h"
 #include "support/temp_folder.h"
 

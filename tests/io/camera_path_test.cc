@@ -272,6 +272,16 @@ TEST(CameraPath, TimesRunAlongWhereViewsHaveThem) {
       length(path.frames.front().camera_to_world.translation - info.views[4].pose.translation),
       1e-9);
   for (size_t i = 1; i < 50; ++i) EXPECT_GE(path.frames[i].time, path.frames[i - 1].time);
+  // A camera that stood still: of three equal stretches the first now takes twice the time of the
+  // others, 0.2 of 49 / 3 frames, and no frame jumps.
+  info.views[3].pose = info.views[4].pose;
+  const CameraPath stood = make_camera_path(info, PathKind::kInterpolate, {50, 30});
+  EXPECT_NEAR(stood.frames.front().time, 0.1, 1e-12);
+  EXPECT_NEAR(stood.frames.back().time, 0.5, 1e-12);
+  for (size_t i = 1; i < 50; ++i) {
+    EXPECT_GT(stood.frames[i].time, stood.frames[i - 1].time);
+    EXPECT_LT(stood.frames[i].time - stood.frames[i - 1].time, 1.3 * 0.2 * 3 / 49);
+  }
 }
 
 TEST(CameraPath, ViewsComeWithTheirOwnNamesAndCameras) {

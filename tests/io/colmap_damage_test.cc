@@ -7,6 +7,7 @@
 
 #include "io/colmap.h"
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "nerf/io/scene.h"
 #include "support/temp_folder.h"
 #include "test_scenes.h"

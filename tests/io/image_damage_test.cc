@@ -2,6 +2,7 @@
 #include <fstream>
 
 #include "nerf/base/file.h"
+#include "nerf/base/memory.h"
 #include "nerf/io/image.h"
 #include "test_images.h"
 

@@ -214,6 +214,21 @@ TEST(ModelFile, HeadersOfOtherProgramsAreChecked) {
   EXPECT_TRUE(contains(reading_with("{", "["), "not valid JSON"));
 }
 
+// A few kilobytes that claim to hold gigabytes are refused before anything is allocated for them.
+TEST(ModelFile, ASectionCannotStateMoreThanDeflateCanHold) {
+  auto bytes = with_header([](std::string& header) {
+    const std::string from = "\"occupancy_side\":64";
+    header.replace(header.find(from), from.size(), "\"occupancy_side\":512");
+  });
+  char name[16] = "occupancy";  // the section's head: name, encoding, reserved, stored, decoded
+  const auto at = std::search(bytes.begin(), bytes.end(), std::begin(name), std::end(name));
+  ASSERT_NE(at, bytes.end());
+  const uint64_t claimed = uint64_t{512} * 512 * 512;
+  std::memcpy(&*at + 32, &claimed, sizeof(claimed));
+  set_checksum(bytes);
+  EXPECT_TRUE(contains(reading(bytes), "section 'occupancy' states more than it can hold"));
+}
+
 TEST(ModelFile, VersionAndKindHaveTheirOwnMessages) {
   auto bytes = file_of(sample_field());
   bytes[8] = 2;

@@ -14,8 +14,9 @@
 namespace nerf {
 namespace {
 
-// Density exp(0) = 1 per engine unit everywhere in [-1, 1]^3; colour sigmoid(0).
-RadianceField homogeneous_field(const Similarity& to_engine) {
+// Density exp(0) = 1 per engine unit everywhere in [-1, 1]^3, or where x > 0 alone; colour
+// sigmoid(0).
+RadianceField homogeneous_field(const Similarity& to_engine, bool half_empty = false) {
   GridOptions options;
   options.levels = 1;
   options.log2_entries = 10;
@@ -23,7 +24,9 @@ RadianceField homogeneous_field(const Similarity& to_engine) {
   options.hidden = 16;
   options.occupancy_side = 32;
   auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1);
-  const std::vector<uint8_t> levels(grid->occupancy.levels().size(), 30);
+  std::vector<uint8_t> levels(grid->occupancy.levels().size(), 30);
+  for (size_t i = 0; half_empty && i < levels.size(); ++i)
+    if (grid->occupancy.cell_corner(static_cast<int64_t>(i), 0).x < 0) levels[i] = 0;
   grid->occupancy.set_levels(levels);
   ModelInfo info;
   info.to_engine = to_engine;
@@ -87,6 +90,35 @@ TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
   EXPECT_GT(outside, 100);
 }
 
+// What is left without colour is missing from a pixel, never more of it than the option says.
+TEST(Render, LightLeftWithoutColourIsBounded) {
+  const RadianceField field = homogeneous_field(Similarity());
+  Camera camera;
+  camera.model = CameraModel::kPinhole;
+  camera.width = camera.height = 40;
+  camera.params = {30, 30, 20, 20};
+  Pose pose;
+  pose.translation = {0.1, -0.2, -3};
+  ThreadPool pool(2);
+  RenderOptions whole, part;
+  whole.background = part.background = {0, 0, 0};
+  whole.unshaded = 0;
+  part.unshaded = 0.125f;
+  const Frame a = render(field, camera, pose, whole, pool);
+  const Frame b = render(field, camera, pose, part, pool);
+  EXPECT_EQ(a.alpha, b.alpha);
+  EXPECT_EQ(a.depth_z, b.depth_z);
+  float most = 0;
+  for (size_t i = 0; i < a.rgb.size(); ++i) {
+    EXPECT_NEAR(a.rgb[i], 0.5f * a.alpha[i / 3], 1e-6f);  // the colour is a half everywhere
+    const float missing = a.rgb[i] - b.rgb[i];
+    EXPECT_GE(missing, -1e-6f);
+    EXPECT_LE(missing, 0.5f * part.unshaded + 1e-6f);
+    most = std::max(most, missing);
+  }
+  EXPECT_GT(most, 0.02f);  // something was left out
+}
+
 // Density 1 per engine unit is `scale` per input unit, whatever the direction; sigmoid(0) is a
 // half.
 TEST(Query, GivesDensityPerInputUnitAndNoneOutside) {
@@ -107,6 +139,17 @@ TEST(Query, GivesDensityPerInputUnitAndNoneOutside) {
     EXPECT_EQ(density[i], i % 2 == 0 ? 0.25f : 0.0f) << i;
     for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5f) << i;
   }
+}
+
+TEST(Query, IsEmptyInCellsThatAreKnownToBe) {
+  const RadianceField field = homogeneous_field(Similarity(), /*half_empty=*/true);
+  std::vector<Vec3d> points;
+  for (int i = 0; i < 40; ++i) points.push_back({(i + 0.5) / 20 - 1, 0.3, 0.01 * i});
+  const std::vector<Vec3d> directions(points.size(), Vec3d{0, 0, 1});
+  std::vector<float> density(points.size()), rgb(3 * points.size());
+  ThreadPool pool(1);
+  field.query(points, directions, density, rgb, pool);
+  for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(density[i], points[i].x > 0 ? 1 : 0) << i;
 }
 
 }  // namespace

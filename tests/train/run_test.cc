@@ -170,6 +170,47 @@ TEST(Run, ABudgetOfTimeFixesItsPlanAndIsRepeatedBySteps) {
   EXPECT_TRUE(std::equal(a.begin(), a.end(), b.begin(), b.end()));
 }
 
+TEST(Run, ABudgetNeedsAHoldToFixItsPlanIn) {
+  const auto c = sphere_capture();
+  ThreadPool pool(1);
+  TrainOptions brief = tiny_options(0);
+  brief.hold = 0.01;
+  Trainer trainer(c.scene, c.photos, brief, pool);
+  RunOptions options = quiet();
+  options.minutes = 1;
+  EXPECT_TRUE(contains(error_of([&] { run_training(trainer, options, {}); }), "--hold"));
+}
+
+// The plan of a budget stands although nothing is known of the speed of the part that resumed.
+TEST(Run, ANonFiniteFirstStepOfAResumedRunKeepsItsPlan) {
+  Spoilt spoilt;
+  test::TempFolder folder;
+  ThreadPool pool(1);
+  RunOptions options = quiet();
+  options.minutes = 0.5 / 60;
+  int64_t plan = 0;
+  Cancel cancel;
+  RunCallbacks callbacks;
+  callbacks.planned = [&](int64_t n) {
+    plan = n;
+    cancel.request();
+  };
+  Trainer first(spoilt.capture.scene, spoilt.capture.photos, tiny_options(0), pool);
+  run_training(first, options, callbacks, folder / "c", /*resume=*/false, &cancel);
+  ASSERT_GT(plan, 1);
+  spoilt.spoil();
+  RunCallbacks later;
+  int gone_back = 0;
+  later.went_back = [&](const std::string&, int64_t) {
+    ++gone_back;
+    spoilt.heal();
+  };
+  Trainer second(spoilt.capture.scene, spoilt.capture.photos, tiny_options(0), pool);
+  const RunResult result = run_training(second, options, later, folder / "c", /*resume=*/true);
+  EXPECT_EQ(gone_back, 1);
+  EXPECT_EQ(result.steps, plan);
+}
+
 TEST(Run, ANonFiniteLossGoesBackToTheStartWithoutACheckpoint) {
   Spoilt spoilt;
   ThreadPool pool(1);

@@ -84,9 +84,10 @@ class Tape {
   void record(std::unique_ptr<Operation> operation);
   void plan();
 
-  void forward(Chunk& chunk) const { forward(chunk, operations()); }
-  // Only the first `count` operations: what was recorded before operations() was that.
-  void forward(Chunk& chunk, size_t count) const;
+  void forward(Chunk& chunk) const { forward(chunk, 0, operations()); }
+  // Only the operations [first, last): what was recorded while operations() grew from one to the
+  // other.
+  void forward(Chunk& chunk, size_t first, size_t last) const;
   void backward(Chunk& chunk) const;
 
   size_t operations() const { return operations_.size(); }

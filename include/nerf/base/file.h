@@ -41,11 +41,4 @@ void write_file_atomically(const std::filesystem::path& path,
 // Creates the folder and its parents; Error when that fails or the folder cannot be written into.
 void make_writable_folder(const std::filesystem::path& folder);
 
-// Bytes of memory this process may use: the smallest of the machine's physical memory, the limits
-// of its cgroup and the cgroups above it (v1 or v2), and its address-space limit (ulimit -v).
-uint64_t available_memory_bytes();
-
-// Highest resident set of this process so far, in bytes.
-uint64_t peak_memory_bytes();
-
 }  // namespace nerf

@@ -104,6 +104,7 @@ struct GridTape {
   Value delta = 0;              // in: [1 x samples]
   Value background = 0;         // in: [3 x rays]
   Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
+  Value geometry = 0;           // between: [geometry_features x samples]
   Value density = 0;            // out: [1 x samples]
   Value colour = 0;             // out: [3 x samples]
   Composite image{};            // out
@@ -111,9 +112,13 @@ struct GridTape {
   GridTape(const GridField& field, bool training, float huber_delta = 0.5f);
 
   // Only what density needs.
-  void forward_density(Chunk& chunk) const { tape.forward(chunk, density_operations_); }
+  void forward_density(Chunk& chunk) const { tape.forward(chunk, 0, density_operations_); }
+  // Colour of samples whose `geometry` is there.
+  void forward_colour(Chunk& chunk) const {
+    tape.forward(chunk, density_operations_, field_operations_);
+  }
   // Density and colour, not composited.
-  void forward_field(Chunk& chunk) const { tape.forward(chunk, field_operations_); }
+  void forward_field(Chunk& chunk) const { tape.forward(chunk, 0, field_operations_); }
 
  private:
   size_t density_operations_ = 0, field_operations_ = 0;
