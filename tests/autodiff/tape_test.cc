@@ -125,7 +125,7 @@ TEST(Tape, ForwardOfTheFirstOperationsOnly) {
   SmallNetwork net;
   Chunk chunk(net.tape);
   net.fill(chunk, 16, 5);
-  net.tape.forward(chunk, net.operations_of_a);
+  net.tape.forward(chunk, 0, net.operations_of_a);
   EXPECT_EQ(net.outputs(chunk), std::vector<float>(32, 0.0f)) << "the second layer did not run";
   net.tape.forward(chunk);
   EXPECT_NE(net.outputs(chunk), std::vector<float>(32, 0.0f));

@@ -18,9 +18,9 @@ struct RenderOptions {
   Vec3 background{1, 1, 1};         // sRGB; seen where alpha < 1
   bool unclipped = false;           // true samples every occupied cell, whatever is cached of it
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
-  float min_transmittance = 1e-3f;  // a ray stops where the cached density lets less through
+  float min_transmittance = 1e-6f;  // a ray stops where the cached density lets less through
   float unshaded = 1.0f / 1024;     // share of a pixel's light whose colour may be left out
-  float sample_factor = 1;          // network samples of a ray, against those of the last steps
+  float sample_factor = 1.5f;       // network samples of a ray, against those of the last steps
 };
 
 // All images row by row from the top, one value (or three) per pixel.
