@@ -1,9 +1,20 @@
 // The subcommands of nerf_bench; argv[0] is the subcommand.
 #pragma once
 
+#include <filesystem>
+#include <vector>
+
 namespace nerf::apps {
 
 int bench_scene(int argc, char** argv);
+int bench_render(int argc, char** argv);
 int bench_kernels(int argc, char** argv);
+
+// Renders the held-out views of a run (`views` of them, spread evenly; 0: all) with and without
+// everything that rendering leaves out and prints how long it took and how much they differ, from
+// each other and in PSNR against their photos. Masked-out pixels count nowhere.
+void compare_rendering(const std::filesystem::path& run, int views, int threads);
+
+double median(std::vector<double> values);  // not empty
 
 }  // namespace nerf::apps

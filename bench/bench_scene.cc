@@ -1,10 +1,9 @@
-// Quality over time, throughput and rendering of one capture. Every training is a separate run of
+// Quality over time and throughput of one capture. Every training is a separate run of
 // nerf_train with no other option than this table names.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -16,10 +15,6 @@
 #include "bench_commands.h"
 #include "nerf/base/file.h"
 #include "nerf/base/process.h"
-#include "nerf/io/photos.h"
-#include "nerf/model/renderer.h"
-#include "nerf/train/evaluation.h"
-#include "nerf/train/metrics.h"
 #include "options_cli.h"
 #include "train_options.h"
 
@@ -100,12 +95,6 @@ std::vector<uint64_t> SceneBenchOptions::seeds_list() const {
   return out;
 }
 
-double median(std::vector<double> v) {
-  std::sort(v.begin(), v.end());
-  const size_t n = v.size();
-  return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
-}
-
 class SceneBench {
  public:
   explicit SceneBench(const SceneBenchOptions& o) : options_(o) {}
@@ -122,8 +111,9 @@ class SceneBench {
     std::printf("\nquality over time of every run: %s\n",
                 (options_.out / "quality.csv").string().c_str());
     if (options_.scaling_minutes > 0) scaling();
-    rendering(options_.out / quality_run(*std::max_element(budgets.begin(), budgets.end()),
-                                         options_.seeds_list().front()));
+    compare_rendering(options_.out / quality_run(*std::max_element(budgets.begin(), budgets.end()),
+                                                 options_.seeds_list().front()),
+                      options_.views, options_.threads);
     return kExitOk;
   }
 
@@ -194,62 +184,6 @@ class SceneBench {
   }
 
   std::string split_name() const { return options_.split == SplitChoice::kDev ? "dev" : "test"; }
-
-  // The held-out views of the capture that the run was trained on, or some of them.
-  Scene held_out_scene(const fs::path& run) const {
-    TrainCommand command;
-    command.scene = options_.scene;
-    command.out = run;  // where poses of a folder of photos already are
-    command.downscale = options_.downscale;
-    command.split = options_.split;
-    Scene scene = load_scene(command.scene, command.scene_options());
-    const size_t n = scene.test.size();
-    const size_t most = static_cast<size_t>(options_.views);
-    const size_t take = most > 0 ? std::min(n, most) : n;
-    std::vector<View> views;
-    for (size_t i = 0; i < take; ++i)
-      views.push_back(scene.views[static_cast<size_t>(scene.test[(2 * i + 1) * n / (2 * take)])]);
-    scene.views = std::move(views);
-    return scene;
-  }
-
-  // The same views with and without everything that rendering leaves out, against each other and
-  // against their photos. Masked-out pixels count nowhere.
-  void rendering(const fs::path& run) {
-    const RadianceField field = RadianceField::load(run / "model.nerf");
-    ThreadPool pool(options_.threads);
-    const Scene scene = held_out_scene(run);
-    if (scene.views.empty()) return;
-    const PhotoSet photos = load_photos(scene, pool);
-    RenderOptions skip;
-    skip.background = evaluation_background(scene.alpha);
-    RenderOptions all = skip;
-    all.unclipped = true;
-    std::vector<double> seconds, all_seconds;
-    double alike = kHighestPsnr, difference = 0;
-    for (size_t i = 0; i < scene.views.size(); ++i) {
-      const Photo& photo = photos.photos[i];
-      const auto timed = [&](const RenderOptions& o, std::vector<double>& times) {
-        const auto t0 = std::chrono::steady_clock::now();
-        Frame f = render(field, photos.cameras[i], scene.views[i].pose, o, pool);
-        times.push_back(
-            std::chrono::duration<double>(std::chrono::steady_clock::now() - t0).count());
-        return to_8bit(ImageF{f.width, f.height, 3, std::move(f.rgb)});
-      };
-      const Image8 a = timed(skip, seconds), b = timed(all, all_seconds);
-      const Image8 truth = photo_over(photo, skip.background);
-      const auto with = psnr(truth, a, photo.mask), without = psnr(truth, b, photo.mask);
-      if (!with || !without) continue;  // wholly masked out
-      difference = std::max(difference, std::abs(*with - *without));
-      alike = std::min(alike, psnr(a, b, photo.mask).value_or(kHighestPsnr));
-    }
-    std::printf(
-        "\nrendering %zu held-out views of %s, %dx%d: median %.2f s; with every skip off %.2f s\n"
-        "largest difference of PSNR against the photo %.4f dB; least likeness of the two pictures "
-        "%.1f dB\n",
-        scene.views.size(), run.filename().string().c_str(), photos.photos[0].width,
-        photos.photos[0].height, median(seconds), median(all_seconds), difference, alike);
-  }
 
   const SceneBenchOptions& options_;
   std::string curve_ = "run,seed,seconds,step,psnr,ssim,views\n";

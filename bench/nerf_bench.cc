@@ -14,6 +14,7 @@ namespace {
 constexpr const char* kHelp =
     "nerf_bench COMMAND [OPTIONS]\n"
     "  scene SCENE   trains with nerf_train and prints quality over time, throughput, rendering\n"
+    "  render RUN    compares a run's held-out views with and without what rendering leaves out\n"
     "  kernels       times the kernels (options of Google Benchmark)\n"
     "nerf_bench COMMAND --help says more.\n";
 
@@ -28,8 +29,9 @@ int bench_main(int argc, char** argv) {
     return kExitOk;
   }
   if (command == "scene") return bench_scene(argc - 1, argv + 1);
+  if (command == "render") return bench_render(argc - 1, argv + 1);
   if (command == "kernels") return bench_kernels(argc - 1, argv + 1);
-  const std::vector<std::string> known = {"scene", "kernels"};
+  const std::vector<std::string> known = {"scene", "render", "kernels"};
   throw Error("unknown command '" + command + "'", "", nearest_name_hint(command, known));
 }
 

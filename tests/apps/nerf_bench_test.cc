@@ -45,6 +45,13 @@ TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
       << result.out;
   EXPECT_NE(result.out.find("largest difference of PSNR"), std::string::npos) << result.out;
 
+  // The same again from the run's folder alone, of one view.
+  const ProgramResult again =
+      run_program(NERF_BENCH_PROGRAM, {"render", (out / "m0.01_s1").string(), "--views", "1"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_NE(again.out.find("rendering 1 held-out views of m0.01_s1, 32x32"), std::string::npos)
+      << again.out;
+
   const std::vector<std::string> curve = lines_of(testing_apps::read_text(out / "quality.csv"));
   ASSERT_EQ(curve.size(), 3u);
   EXPECT_EQ(curve[0], "run,seed,seconds,step,psnr,ssim,views");

@@ -1,0 +1,118 @@
+// What rendering leaves out, and what that costs a picture.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+#include "app.h"
+#include "bench_commands.h"
+#include "nerf/base/file.h"
+#include "nerf/io/photos.h"
+#include "nerf/model/options_json.h"
+#include "nerf/model/renderer.h"
+#include "nerf/train/evaluation.h"
+#include "nerf/train/metrics.h"
+#include "options_cli.h"
+#include "train_options.h"
+
+namespace nerf::apps {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The held-out views of the capture that the run was trained on, or some of them.
+Scene held_out_scene(const fs::path& run, int most_views) {
+  TrainCommand command;
+  const fs::path options = run / "options.json";
+  options_from_json(command, read_text_file(options), options.string());
+  command.out = run;  // where poses of a folder of photos already are
+  Scene scene = load_scene(command.scene, command.scene_options());
+  const size_t n = scene.test.size();
+  const size_t most = static_cast<size_t>(most_views);
+  const size_t take = most > 0 ? std::min(n, most) : n;
+  std::vector<View> views;
+  for (size_t i = 0; i < take; ++i)
+    views.push_back(scene.views[static_cast<size_t>(scene.test[(2 * i + 1) * n / (2 * take)])]);
+  scene.views = std::move(views);
+  return scene;
+}
+
+double mean(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double v : values) sum += v;
+  return sum / static_cast<double>(values.size());
+}
+
+struct RenderBenchOptions {
+  fs::path run;
+  int views = 0;
+  int threads = 0;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("run", run, "folder that nerf_train wrote", positional(), required(), placeholder("RUN"));
+    v("views", views, "held-out views, spread evenly; 0: all", at_least(0));
+    v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
+  }
+};
+
+}  // namespace
+
+double median(std::vector<double> v) {
+  std::sort(v.begin(), v.end());
+  const size_t n = v.size();
+  return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
+}
+
+void compare_rendering(const fs::path& run, int views, int threads) {
+  const RadianceField field = RadianceField::load(run / "model.nerf");
+  ThreadPool pool(threads);
+  const Scene scene = held_out_scene(run, views);
+  if (scene.views.empty()) return;
+  const PhotoSet photos = load_photos(scene, pool);
+  RenderOptions skip;
+  skip.background = evaluation_background(scene.alpha);
+  RenderOptions all = skip;
+  all.unclipped = true;
+  std::vector<double> seconds, all_seconds, psnr_skip, psnr_all;
+  double alike = kHighestPsnr, difference = 0;
+  for (size_t i = 0; i < scene.views.size(); ++i) {
+    const Photo& photo = photos.photos[i];
+    const auto timed = [&](const RenderOptions& o, std::vector<double>& times) {
+      const auto t0 = std::chrono::steady_clock::now();
+      Frame f = render(field, photos.cameras[i], scene.views[i].pose, o, pool);
+      times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - t0).count());
+      return to_8bit(ImageF{f.width, f.height, 3, std::move(f.rgb)});
+    };
+    const Image8 a = timed(skip, seconds), b = timed(all, all_seconds);
+    const Image8 truth = photo_over(photo, skip.background);
+    const auto with = psnr(truth, a, photo.mask), without = psnr(truth, b, photo.mask);
+    if (!with || !without) continue;  // wholly masked out
+    psnr_skip.push_back(*with);
+    psnr_all.push_back(*without);
+    difference = std::max(difference, std::abs(*with - *without));
+    alike = std::min(alike, psnr(a, b, photo.mask).value_or(kHighestPsnr));
+  }
+  if (psnr_skip.empty()) return;
+  std::printf(
+      "\nrendering %zu held-out views of %s, %dx%d: median %.2f s; with every skip off %.2f s\n"
+      "mean PSNR %.3f dB; with every skip off %.3f dB; largest difference of PSNR of a view %.4f "
+      "dB; least likeness of the two pictures %.1f dB\n",
+      scene.views.size(), run.filename().string().c_str(), photos.photos[0].width,
+      photos.photos[0].height, median(seconds), median(all_seconds), mean(psnr_skip),
+      mean(psnr_all), difference, alike);
+}
+
+int bench_render(int argc, char** argv) {
+  RenderBenchOptions options;
+  const ProgramText text{"nerf_bench render",
+                         "Held-out views of a run with and without what rendering leaves out.", ""};
+  if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
+  log_machine("nerf_bench render", ThreadPool(options.threads).size(), "f32");
+  compare_rendering(options.run, options.views, options.threads);
+  return kExitOk;
+}
+
+}  // namespace nerf::apps
