@@ -1,8 +1,8 @@
 // What the documents say about the programs' options.
 #include <gtest/gtest.h>
 
+#include <cctype>
 #include <filesystem>
-#include <regex>
 #include <set>
 #include <string>
 #include <vector>
@@ -15,11 +15,18 @@ namespace {
 namespace fs = std::filesystem;
 using Command = std::vector<std::string>;
 
+// "--" that no name precedes, with the letters, digits and single dashes behind it.
 std::set<std::string> options_in(const std::string& text) {
-  static const std::regex kOption("(^|[^-A-Za-z0-9])(--[a-z][a-z0-9]*(-[a-z0-9]+)*)");
+  const auto in_name = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0; };
   std::set<std::string> found;
-  for (std::sregex_iterator it(text.begin(), text.end(), kOption), end; it != end; ++it)
-    found.insert((*it)[2]);
+  for (size_t at = text.find("--"); at != std::string::npos; at = text.find("--", at + 1)) {
+    if (at > 0 && (in_name(text[at - 1]) || text[at - 1] == '-')) continue;
+    size_t end = at + 2;
+    while (end < text.size() && (in_name(text[end]) || text[end] == '-')) ++end;
+    while (text[end - 1] == '-' && end > at + 2) --end;
+    if (end > at + 2 && std::islower(static_cast<unsigned char>(text[at + 2])))
+      found.insert(text.substr(at, end - at));
+  }
   return found;
 }
 
