@@ -24,7 +24,7 @@ std::string upper(std::string text) {
 }
 
 std::string placeholder_of(const OptionField& field) {
-  if (!field.placeholder.empty()) return field.placeholder;
+  if (!field.metavar.empty()) return field.metavar;
   if (field.positional) return upper(field.name);
   switch (field.type) {
     case OptionType::kInt:

@@ -27,7 +27,7 @@ template <>
 struct OptionTraits<apps::ImageSize> {
   static constexpr OptionType kType = OptionType::kText;
   static void describe(OptionField& f) {
-    f.placeholder = "WxH";
+    f.metavar = "WxH";
     f.problem = [](const OptionValue& v) -> std::string {
       if (apps::parse_image_size(std::get<std::string>(v))) return "";
       return "give width and height in pixels, 1 to " + std::to_string(apps::kLargestSide) +
@@ -61,24 +61,23 @@ struct RenderCommand {
   template <class V>
   void visit_options(V& v) {
     v("run", run, "folder that nerf_train wrote, or a model file", positional(), required(),
-      placeholder("RUN"));
+      metavar("RUN"));
     v("views", views,
       "what to show: test, train, orbit, spiral, ellipse, interpolate, or a camera path in "
       "nerfstudio's JSON format, in the input model's coordinates",
-      placeholder("VIEWS"));
-    v("out", out, "folder that the pictures go to", short_name('o'), required(),
-      placeholder("DIR"));
+      metavar("VIEWS"));
+    v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"));
     v("size", size, "size of the pictures; without it that of the photos");
     v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64));
     v("frames", frames, "length of orbit, spiral, ellipse and interpolate; without it 120",
       at_least(1), at_most(100000));
     v("fps", fps, "frames per second of the video; without it the camera path's, or 30",
       at_least(0.1), at_most(1000));
-    v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", placeholder("FILE"));
+    v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", metavar("FILE"));
     v("depth", depth, "colour-mapped depth pictures in DIR/depth");
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
     v("background", background, "sRGB colour behind the scene, each 0 to 1", at_least(0),
-      at_most(1), placeholder("R,G,B"));
+      at_most(1), metavar("R,G,B"));
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
   }
   // Throws Error for combinations that cannot be.

@@ -52,19 +52,7 @@ void TrainCommand::check_options() const {
     throw Error("--minutes and --steps exclude each other", "", "leave one of them out");
   if (holdout == Holdout::kNone && split == SplitChoice::kDev)
     throw Error("--split dev and --holdout none exclude each other", "", "leave one of them out");
-  const SamplerOptions& sampler = train.grid.sampler;
-  if (sampler.min_samples > sampler.max_samples)
-    throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
-                    std::to_string(sampler.max_samples),
-                "--grid-min-samples", "give at most as many");
-  if (train.grid.occupancy_side % 16 != 0)
-    throw Error(std::to_string(train.grid.occupancy_side) + " is no multiple of 16",
-                "--grid-occupancy-side", "for example 128 or 256");
-  if (train.grid.finest_resolution < train.grid.base_resolution)
-    throw Error(std::to_string(train.grid.finest_resolution) +
-                    " is less than --grid-base-resolution " +
-                    std::to_string(train.grid.base_resolution),
-                "--grid-finest-resolution", "give at least as many cells");
+  train.check_options();
   check_camera_model(camera_model);
   if (resume && overwrite)
     throw Error("--resume and --overwrite exclude each other", "", "leave one of them out");

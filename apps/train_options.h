@@ -60,10 +60,10 @@ struct TrainCommand {
   template <class V>
   void visit_options(V& v) {
     v("scene", scene, "capture: its folder, a transforms .json, or a video", positional(),
-      placeholder("SCENE"));
+      metavar("SCENE"));
     v("out", out,
       "folder for everything that the run writes; without it runs/ and the scene's name",
-      short_name('o'), placeholder("RUN"));
+      short_name('o'), metavar("RUN"));
     v("minutes", minutes,
       "length of the training, minutes of its steps; without it and without --steps 5", above(0),
       at_most(100000));

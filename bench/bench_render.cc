@@ -52,7 +52,7 @@ struct RenderBenchOptions {
 
   template <class V>
   void visit_options(V& v) {
-    v("run", run, "folder that nerf_train wrote", positional(), required(), placeholder("RUN"));
+    v("run", run, "folder that nerf_train wrote", positional(), required(), metavar("RUN"));
     v("views", views, "held-out views, spread evenly; 0: all", at_least(0));
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
   }

@@ -38,7 +38,7 @@ struct SceneBenchOptions {
   template <class V>
   void visit_options(V& v) {
     v("scene", scene, "capture, as nerf_train takes it", positional(), required(),
-      placeholder("SCENE"));
+      metavar("SCENE"));
     v("out", out, "folder for the runs and quality.csv", short_name('o'));
     v("minutes", minutes, "budgets, separated by commas: one row each");
     v("seeds", seeds, "seeds, separated by commas: a row shows the median");

@@ -28,6 +28,15 @@ constexpr int kRows = 8;
 #endif
 constexpr int kVectors = 3;
 
+// NERF_CASE of the numbers of rows that blocks of both kinds (below) may have on this target.
+#undef NERF_EACH_ROW_COUNT
+#if HWY_TARGET == HWY_AVX2
+#define NERF_EACH_ROW_COUNT NERF_CASE(1) NERF_CASE(2) NERF_CASE(3)
+#else
+#define NERF_EACH_ROW_COUNT \
+  NERF_CASE(1) NERF_CASE(2) NERF_CASE(3) NERF_CASE(4) NERF_CASE(5) NERF_CASE(6)
+#endif
+
 enum class Epilogue { kNone, kRelu, kMask };
 
 // out[r][s] = sum_k a(r, k) * b[k][s] for R rows and NV vectors of samples. a(r, k) stands at
@@ -71,13 +80,8 @@ HWY_INLINE void rows_remainder(int rows, const float* a, int64_t a_row, int64_t 
   case R:                                                                    \
     block<R, NV, kEpilogue>(a, a_row, a_col, b, depth, ld, bias, mask, out); \
     break;
-    NERF_CASE(1)
-    NERF_CASE(2)
-    NERF_CASE(3)
+    NERF_EACH_ROW_COUNT
 #if HWY_TARGET != HWY_AVX2
-    NERF_CASE(4)
-    NERF_CASE(5)
-    NERF_CASE(6)
     NERF_CASE(7)
 #endif
 #undef NERF_CASE
@@ -213,14 +217,7 @@ void outer_rows(int rows, const float* dy, int64_t ld, const float* const* x, in
   case R:                                             \
     outer_block<R>(dy, ld, x, columns, end, dw, ldw); \
     break;
-    NERF_CASE(1)
-    NERF_CASE(2)
-    NERF_CASE(3)
-#if HWY_TARGET != HWY_AVX2
-    NERF_CASE(4)
-    NERF_CASE(5)
-    NERF_CASE(6)
-#endif
+    NERF_EACH_ROW_COUNT
 #undef NERF_CASE
     default:
       break;

@@ -39,10 +39,21 @@ void xavier_uniform(const LinearWeights& w, Random random, float* weights) {
 // many of them to learn each (docs/architecture.md).
 int occupancy_side(const GridOptions& o, bool unbounded) {
   if (o.occupancy_side == 0) return unbounded ? 128 : 256;
-  if (o.occupancy_side % 16 != 0)
-    throw Error(std::to_string(o.occupancy_side) + " cells across are no multiple of 16",
-                "option occupancy_side", "for example 128 or 256");
   return o.occupancy_side;
+}
+
+void GridOptions::check_options() const {
+  if (sampler.min_samples > sampler.max_samples)
+    throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
+                    std::to_string(sampler.max_samples),
+                "--grid-min-samples", "give at most as many");
+  if (occupancy_side % 16 != 0)
+    throw Error(std::to_string(occupancy_side) + " is no multiple of 16", "--grid-occupancy-side",
+                "for example 128 or 256");
+  if (finest_resolution < base_resolution)
+    throw Error(std::to_string(finest_resolution) + " is less than --grid-base-resolution " +
+                    std::to_string(base_resolution),
+                "--grid-finest-resolution", "give at least as many cells");
 }
 
 GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)

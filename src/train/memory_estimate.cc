@@ -3,16 +3,11 @@
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/run.h"
+#include "train/trainer_impl.h"
 
 namespace nerf {
 
 namespace {
-
-// The trainer takes at most so many in an unbounded scene, one in a bounded one.
-constexpr uint64_t kMostCascades = 8;
-
-// Of the networks' gradients, as in Trainer::Impl.
-constexpr uint64_t kAccumulators = 32;
 
 // Widths of the values on the way through one network, its input included.
 uint64_t network_values(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t out) {

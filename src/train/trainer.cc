@@ -41,7 +41,7 @@ TrainOptions validated(TrainOptions options) {
 
 int cascades_of(const Scene& scene) {
   int c = 1;
-  while (scene.unbounded && c < 8 && std::ldexp(1.0, c - 1) < scene.far) ++c;
+  while (scene.unbounded && c < kMostCascades && std::ldexp(1.0, c - 1) < scene.far) ++c;
   return c;
 }
 
@@ -259,49 +259,6 @@ void Trainer::Impl::scatter() {
   });
 }
 
-void Trainer::Impl::observe_samples() {
-  const int64_t cells = field.occupancy.cells();
-  for (int c = 0; c < batch.chunks; ++c) {
-    const int64_t at = int64_t{c} * kChunkSamples;
-    for (int64_t s = at; s < at + batch.samples[static_cast<size_t>(c)]; ++s) {
-      const float seen = -std::expm1(-densities[static_cast<size_t>(s)] *
-                                     batch.cell_width[static_cast<size_t>(s)]);
-      const int64_t cell = batch.cell[static_cast<size_t>(s)];
-      field.occupancy.observe(static_cast<int>(cell / cells), cell % cells, seen);
-    }
-  }
-}
-
-void Trainer::Impl::observe_errors() {
-  constexpr int64_t kInterval = 64;
-  if (errors.keeps_all()) return;
-  for (const RayBatch::EmptyRay& ray : batch.empty_rays)
-    errors.observe(ray.tile, ray.squared_error);
-  for (int c = 0; c < batch.chunks; ++c) {
-    const size_t first = static_cast<size_t>(c) * kChunkRays;
-    for (size_t i = first; i < first + static_cast<size_t>(batch.rays[static_cast<size_t>(c)]); ++i)
-      errors.observe(batch.tile[i], ray_errors[i]);
-  }
-  if ((done + 1) % kInterval == 0) errors.refresh();
-}
-
-// Each ray stands for the pixels that were passed over on the way to it.
-double Trainer::Impl::mean_squared_error() const {
-  double sum = 0, pixels = 0;
-  const auto add = [&](int32_t tile, float squared_error) {
-    const double weight = errors.keeps_all() ? 1 : 1 / static_cast<double>(errors.chance(tile));
-    sum += weight * static_cast<double>(squared_error);
-    pixels += weight;
-  };
-  for (const RayBatch::EmptyRay& ray : batch.empty_rays) add(ray.tile, ray.squared_error);
-  for (int c = 0; c < batch.chunks; ++c) {
-    const size_t first = static_cast<size_t>(c) * kChunkRays;
-    for (size_t i = first; i < first + static_cast<size_t>(batch.rays[static_cast<size_t>(c)]); ++i)
-      add(batch.tile[i], ray_errors[i]);
-  }
-  return sum / (3 * std::max(pixels, 1.0));
-}
-
 void Trainer::Impl::update(float rate) {
   const size_t n = field.weights.size();
   float* gradient = optimiser.network_gradient.data();
@@ -326,57 +283,6 @@ void Trainer::Impl::update(float rate) {
               optimiser.table_v.data() + 4 * at, optimiser.row_steps.data() + at,
               field.table.data() + 4 * at, corrections.data());
   });
-}
-
-// One random point in one cell of every group of `group` cells.
-void Trainer::Impl::refresh_occupancy() {
-  constexpr int64_t kInterval = 16, kMostPoints = 1 << 17;
-  if (done % kInterval != 0) return;
-  const bool whole = done == 32 || done == 64 || done == 128 || done == 256;
-  OccupancyGrid& grid = field.occupancy;
-  const int64_t group =
-      whole ? 1 : std::max<int64_t>(32, grid.cascades() * grid.cells() / kMostPoints);
-  const int64_t points = grid.cascades() * grid.cells() / group;
-  constexpr int64_t kBlock = kChunkSamples;
-  pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
-    Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    alignas(64) float x[kBlock], y[kBlock], z[kBlock];
-    int32_t cascade[kBlock];
-    int64_t cell[kBlock];
-    int n = 0;
-    for (int64_t i = block * kBlock; i < std::min(points, (block + 1) * kBlock); ++i) {
-      Random random(options.seed ^ salt, static_cast<uint64_t>(done) | uint64_t{1} << 62,
-                    static_cast<uint64_t>(i));
-      const int64_t at =
-          i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));
-      const int c = static_cast<int>(at / grid.cells());
-      const int64_t in = at % grid.cells();
-      if (grid.is_off(c, in)) continue;
-      const float w = grid.cell_width(c);
-      const Vec3 corner = grid.cell_corner(in, c);
-      const Vec3 g = field.grid_position(
-          corner + Vec3{random.uniform() * w, random.uniform() * w, random.uniform() * w});
-      x[n] = g.x;
-      y[n] = g.y;
-      z[n] = g.z;
-      cascade[n] = c;
-      cell[n] = in;
-      ++n;
-    }
-    if (n == 0) return;
-    std::fill(x + n, x + round_up(n, kLane), 0.5f);
-    std::fill(y + n, y + round_up(n, kLane), 0.5f);
-    std::fill(z + n, z + round_up(n, kLane), 0.5f);
-    encode(field, x, y, z, n, chunk.data(tape.features), chunk.stride(tape.features));
-    chunk.weights = field.weights.data();
-    chunk.samples = n;
-    chunk.rays = 0;
-    tape.forward_density(chunk);
-    const float* density = chunk.data(tape.density);
-    for (int k = 0; k < n; ++k)
-      grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
-  });
-  grid.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
 }
 
 Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,

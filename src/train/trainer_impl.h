@@ -11,6 +11,13 @@
 
 namespace nerf {
 
+// Of the occupancy grid of an unbounded scene.
+inline constexpr int kMostCascades = 8;
+
+// Chunks go to a fixed number of gradient accumulators whose sum is taken in order, so that it does
+// not depend on the number of threads.
+inline constexpr int kAccumulators = 32;
+
 // Gradients and moments of a field's parameters.
 struct OptimiserState {
   explicit OptimiserState(const GridField& field);
@@ -22,10 +29,6 @@ struct OptimiserState {
 
 struct Trainer::Impl {
   Impl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options, ThreadPool& pool);
-
-  // Chunks go to a fixed number of gradient accumulators whose sum is taken in order, so that it
-  // does not depend on the number of threads.
-  static constexpr int kAccumulators = 32;
 
   StepReport step();
   double late_saving_seconds();

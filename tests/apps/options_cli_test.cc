@@ -33,7 +33,7 @@ struct Options {
   template <class V>
   void visit_options(V& v) {
     v("scene", scene, "what to train on", positional(), required());
-    v("out", out, "folder", short_name('o'), placeholder("DIR"));
+    v("out", out, "folder", short_name('o'), metavar("DIR"));
     v("downscale", downscale, "divides sizes", at_least(1));
     v("shift", shift, "any number");
     v("minutes", minutes, "time", above(0));

@@ -57,7 +57,7 @@ struct Options {
     v("rate", rate, "learning rate", above(0));
     v("share", share, "share of samples", at_least(0), below(1));
     v("name", name, "method", one_of({"grid", "nerf"}));
-    v("out", out, "folder", short_name('o'), placeholder("DIR"));
+    v("out", out, "folder", short_name('o'), metavar("DIR"));
     v("near", near, "nearest sample", above(0));
     v("small", small, "a small number");
     v("march", march, "marching");
@@ -82,7 +82,7 @@ TEST(Options, FieldsComeInOrderWithGroupsPrefixed) {
             "fast big huge rate share name out near small march.max_steps march.space seed ");
   const auto fields = option_fields(options);
   EXPECT_EQ(field(fields, "out").short_name, 'o');
-  EXPECT_EQ(field(fields, "out").placeholder, "DIR");
+  EXPECT_EQ(field(fields, "out").metavar, "DIR");
   EXPECT_EQ(field(fields, "rate").help, "learning rate");
   EXPECT_EQ(option_flag(field(fields, "march.max_steps")), "--march-max-steps");
 }

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include "nerf/io/image.h"
+#include "nerf/io/scene.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 #include "support/temp_folder.h"
@@ -298,6 +300,15 @@ inline void write_picture(const std::filesystem::path& path, int width = 40, int
 inline void write_capture(const TestModel& model, const std::filesystem::path& root) {
   write_binary(model, root / "sparse" / "0");
   for (const TestImage& image : model.images) write_picture(root / "images" / image.name);
+}
+
+inline bool any_contains(const std::vector<std::string>& lines, const std::string& part) {
+  return std::any_of(lines.begin(), lines.end(),
+                     [&](const std::string& line) { return line.find(part) != line.npos; });
+}
+
+inline std::string load_error(const std::filesystem::path& path, const SceneOptions& options = {}) {
+  return error_of([&] { load_scene(path, options); });
 }
 
 }  // namespace nerf::test

@@ -66,7 +66,7 @@ struct OptionField {
 
   // For the command line only.
   char short_name = 0;      // 'o' for -o
-  std::string placeholder;  // of the value in the help; empty: from the type
+  std::string metavar;      // of the value in the help; empty: from the type
   bool positional = false;  // also given without its name
   bool required = false;    // must be given
 
@@ -104,8 +104,8 @@ inline auto check_value(std::function<std::string(const OptionValue&)> problem) 
 inline auto short_name(char letter) {
   return [letter](OptionField& f) { f.short_name = letter; };
 }
-inline auto placeholder(std::string text) {
-  return [text = std::move(text)](OptionField& f) { f.placeholder = text; };
+inline auto metavar(std::string text) {
+  return [text = std::move(text)](OptionField& f) { f.metavar = text; };
 }
 inline auto positional() {
   return [](OptionField& f) { f.positional = true; };
@@ -184,7 +184,7 @@ struct OptionTraits<std::string> {
 template <>
 struct OptionTraits<std::filesystem::path> {
   static constexpr OptionType kType = OptionType::kText;
-  static void describe(OptionField& f) { f.placeholder = "PATH"; }
+  static void describe(OptionField& f) { f.metavar = "PATH"; }
   static OptionValue to_value(const std::filesystem::path& x) { return x.string(); }
   static std::filesystem::path from_value(const OptionValue& v) { return std::get<std::string>(v); }
 };

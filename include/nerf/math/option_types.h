@@ -12,7 +12,7 @@ struct OptionTraits<TVec3<T>> {
   static void describe(OptionField& f) {
     OptionTraits<T>::describe(f);
     f.count = 3;
-    f.placeholder = "X,Y,Z";
+    f.metavar = "X,Y,Z";
   }
   static OptionValue to_value(const TVec3<T>& a) {
     std::vector<double> numbers;
@@ -34,7 +34,7 @@ struct OptionTraits<Box3> {
   static constexpr OptionType kType = OptionType::kNumbers;
   static void describe(OptionField& f) {
     f.count = 6;
-    f.placeholder = "X0,Y0,Z0,X1,Y1,Z1";
+    f.metavar = "X0,Y0,Z0,X1,Y1,Z1";
     f.problem = [](const OptionValue& v) -> std::string {
       const auto& x = std::get<std::vector<double>>(v);
       for (int i = 0; i < 3; ++i)

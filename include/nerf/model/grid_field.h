@@ -65,10 +65,11 @@ struct GridOptions {
       "a ray's march stops where the cached density lets less light through (0: never)",
       at_least(0), at_most(1));
   }
+  // Throws Error for combinations that cannot be.
+  void check_options() const;
 };
 
-// Cells across each cascade of the occupancy grid: what the options say, or the default. Throws
-// Error for a number that is no multiple of 16.
+// Cells across each cascade of the occupancy grid: what the options say, or the default.
 int occupancy_side(const GridOptions& options, bool unbounded);
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.

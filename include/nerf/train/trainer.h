@@ -65,6 +65,7 @@ struct TrainOptions {
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
     v("grid", grid, "field");
   }
+  void check_options() const { grid.check_options(); }
 };
 
 struct StepReport {

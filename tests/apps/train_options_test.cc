@@ -1,0 +1,33 @@
+// Texts that nerf_train makes from its options.
+#include "train_options.h"
+
+#include <gtest/gtest.h>
+
+#include "support/temp_folder.h"
+
+namespace nerf {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TempFolder;
+
+TEST(TrainOptionsText, EquivalentCommandKeepsWhatWasGiven) {
+  apps::TrainCommand command;
+  command.scene = "my photos/it's";
+  command.minutes = 3;
+  command.downscale = 2;
+  command.train.rate = 0.5;
+  EXPECT_EQ(apps::equivalent_command(command, 77),
+            "nerf_train 'my photos/it'\\''s' --downscale 2 --rate 0.5 --steps 77");
+}
+
+TEST(TrainOptionsText, DefaultRunFolderIsNamedAfterTheScene) {
+  TempFolder folder;
+  fs::create_directories(folder.path() / "garden.v2");
+  EXPECT_EQ(apps::default_run_folder(folder.path() / "garden.v2"), "runs/garden.v2");
+  EXPECT_EQ(apps::default_run_folder(folder.path() / "garden.v2/"), "runs/garden.v2");
+  EXPECT_EQ(apps::default_run_folder(folder.path() / "walk.mp4"), "runs/walk");
+}
+
+}  // namespace
+}  // namespace nerf
