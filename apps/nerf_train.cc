@@ -38,7 +38,8 @@ void complete(TrainCommand& command, const std::set<std::string>& given, const R
     options_from_json(saved, read_text_file(folder.options()), folder.options().string());
     resume_options(command, given, saved, folder.path().string());
   }
-  if (!command.minutes && command.train.steps == 0) command.minutes = kDefaultMinutes;
+  if (!command.minutes && command.train.steps == 0)
+    command.minutes = default_minutes(command.train.method, command.scale);
 }
 
 // Code, libraries and what they keep.
@@ -247,6 +248,11 @@ int train_main(int argc, char** argv) {
   TrainCommand command;
   const CommandLine line = parse_command_line(argc, argv, train_program_text(), command);
   if (line.exit) return kExitOk;
+  if (command.list_methods) {
+    fmt::print("{}", methods_table());
+    return kExitOk;
+  }
+  command = with_preset(command, line.given);
   check_given(command, line.given);
   const SignalCancel stop;
   ThreadPool pool(command.threads);

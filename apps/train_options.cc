@@ -39,7 +39,28 @@ bool is_utf8(const std::string& text) {
 
 }  // namespace
 
+double default_minutes(const std::string& method, Scale scale) {
+  if (method == kGridMethod) return 5;
+  return scale == Scale::kTiny ? 4 : 50;
+}
+
+TrainCommand with_preset(const TrainCommand& command, const std::set<std::string>& given) {
+  TrainCommand out = command;
+  out.train = method_options(command.train.method, command.scale);
+  // A budget of minutes has a length of its own, and needs a while at the first rate to find it.
+  if (command.minutes) {
+    out.train.steps = 0;
+    out.train.hold = std::max(out.train.hold, TrainOptions().hold);
+  }
+  TrainOptions wanted = command.train;
+  const auto to = option_fields(out.train), from = option_fields(wanted);
+  for (size_t i = 0; i < to.size(); ++i)
+    if (given.contains(to[i].name)) to[i].set(from[i].get());
+  return out;
+}
+
 void TrainCommand::check_options() const {
+  if (list_methods) return;
   // Both are written to JSON, which knows no other encoding.
   for (const fs::path* path : {&scene, &out})
     if (!is_utf8(path->string()))
@@ -70,6 +91,16 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
       format != SceneFormat::kVideo)
     out.push_back("--camera-model is not used: the capture comes with its cameras");
+  const bool grid = command.train.method == kGridMethod;
+  if (grid && given.contains("scale"))
+    out.push_back("--scale is not used: the grid method has one preset");
+  for (const std::string& name : given)
+    for (const char* group : {"grid.", "network.", "recipe."})
+      if (name.starts_with(group) && grid != (group == std::string("grid."))) {
+        OptionField field;
+        field.name = name;
+        out.push_back(option_flag(field) + " is not used by --method " + command.train.method);
+      }
   if (command.holdout == Holdout::kNone &&
       (given.contains("eval_every") || given.contains("eval_views")))
     out.push_back("--eval-every and --eval-views are not used: nothing is held out");
@@ -127,6 +158,8 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
 
 std::string equivalent_command(const TrainCommand& command, int64_t steps) {
   TrainCommand copy = command, usual;
+  usual.train = method_options(command.train.method, command.scale);
+  usual.train.method = TrainOptions().method;
   std::string line = "nerf_train " + shell_quoted(copy.scene.string());
   const auto fields = option_fields(copy), defaults = option_fields(usual);
   for (size_t i = 0; i < fields.size(); ++i) {

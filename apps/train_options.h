@@ -10,6 +10,7 @@
 #include "nerf/base/options.h"
 #include "nerf/io/scene.h"
 #include "nerf/math/option_types.h"
+#include "nerf/train/methods.h"
 #include "nerf/train/trainer.h"
 #include "options_cli.h"
 
@@ -35,11 +36,14 @@ inline auto option_names(SplitChoice) {
   return std::array{OptionName{SplitChoice::kTest, "test"}, OptionName{SplitChoice::kDev, "dev"}};
 }
 
-inline constexpr double kDefaultMinutes = 5;
+// Length of a training that is given neither minutes nor steps.
+double default_minutes(const std::string& method, Scale scale);
 
 struct TrainCommand {
   std::filesystem::path scene;
   std::filesystem::path out;
+  bool list_methods = false;
+  Scale scale = Scale::kSmall;
   std::optional<double> minutes;
   SceneFormat format = SceneFormat::kAuto;
   SplitChoice split = SplitChoice::kTest;
@@ -64,9 +68,14 @@ struct TrainCommand {
     v("out", out,
       "folder for everything that the run writes; without it runs/ and the scene's name",
       short_name('o'), metavar("RUN"));
+    v("list_methods", list_methods, "prints the table of methods and leaves");
+    v("scale", scale,
+      "preset of a paper's method: paper, the publication's setting; small, under an hour on two "
+      "processors; tiny, a few minutes");
     v("minutes", minutes,
-      "length of the training, minutes of its steps; without it and without --steps 5", above(0),
-      at_most(100000));
+      "length of the training, minutes of its steps; without it and without --steps 5, of a "
+      "paper's method 4 (tiny) or 50 (small)",
+      above(0), at_most(100000));
     v("threads", threads, "threads; 0 takes all processors; the result is the same for any number",
       at_least(0), at_most(1024));
     v("resume", resume, "goes on with the run in RUN, bit for bit");
@@ -96,6 +105,9 @@ struct TrainCommand {
 };
 
 ProgramText train_program_text();
+
+// The command with the preset of its method and scale in place of what `given` does not name.
+TrainCommand with_preset(const TrainCommand& command, const std::set<std::string>& given);
 
 // Throws Error for a value that only the default may have. `given` names what the command line set.
 void check_given(const TrainCommand& command, const std::set<std::string>& given);

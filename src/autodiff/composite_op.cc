@@ -78,51 +78,6 @@ class CompositeOp : public Operation {
   Value weights_;
 };
 
-class HuberLoss : public Operation {
- public:
-  HuberLoss(Value pixel, Value target, Value scale, Value out, float delta)
-      : Operation({pixel, target, scale}, out), delta_(delta) {}
-  const char* name() const override { return "huber_loss"; }
-
-  void forward(Chunk& c) const override {
-    const int64_t lr = c.stride(output());
-    const float* p = c.data(inputs()[0]);
-    const float* t = c.data(inputs()[1]);
-    const float* scale = c.data(inputs()[2]);
-    float* out = c.data(output());
-    for (int r = 0; r < c.rays; ++r) {
-      float sum = 0;
-      for (int k = 0; k < 3; ++k) {
-        const float e = p[k * lr + r] - t[k * lr + r], a = std::fabs(e);
-        sum += a <= delta_ ? e * e : delta_ * (2 * a - delta_);
-      }
-      out[r] = sum * scale[r];
-      c.loss += out[r];
-    }
-  }
-
-  void backward(Chunk& c) const override {
-    const int64_t lr = c.stride(output());
-    const float* p = c.data(inputs()[0]);
-    const float* t = c.data(inputs()[1]);
-    const float* scale = c.data(inputs()[2]);
-    float* dp = c.gradient(inputs()[0]);
-    NERF_CHECK(overwrites(0));
-    for (int r = 0; r < c.rays; ++r) {
-      for (int k = 0; k < 3; ++k) {
-        const float e = p[k * lr + r] - t[k * lr + r];
-        dp[k * lr + r] = 2 * std::clamp(e, -delta_, delta_) * scale[r];
-      }
-      dp[3 * lr + r] = 0;
-    }
-    const int64_t padded = round_up(c.rays, kLane);
-    for (int k = 0; k < 4; ++k) std::fill(dp + k * lr + c.rays, dp + k * lr + padded, 0.0f);
-  }
-
- private:
-  float delta_;
-};
-
 }  // namespace
 
 Composite composite(Tape& tape, Value density, Value colour, Value delta, Value background) {
@@ -135,15 +90,6 @@ Composite composite(Tape& tape, Value density, Value colour, Value delta, Value 
   const Value pixel = tape.output(4, Domain::kRays, from);
   tape.record(std::make_unique<CompositeOp>(density, colour, delta, background, weights, pixel));
   return {pixel, weights};
-}
-
-Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta) {
-  NERF_CHECK_EQ(tape.rows(pixel), 4);
-  NERF_CHECK_EQ(tape.rows(target), 3);
-  NERF_CHECK(!tape.needs_gradient(target) && !tape.needs_gradient(scale));  // not trained
-  const Value out = tape.output(1, Domain::kRays, {&pixel, 1});
-  tape.record(std::make_unique<HuberLoss>(pixel, target, scale, out, delta));
-  return out;
 }
 
 }  // namespace nerf

@@ -50,6 +50,25 @@ class Concat : public Operation {
   }
 };
 
+class Add : public Operation {
+ public:
+  Add(Value a, Value b, Value y) : Operation({a, b}, y) {}
+  const char* name() const override { return "add"; }
+
+  void forward(Chunk& c) const override {
+    const int rows = c.tape->rows(output());
+    const int64_t n = c.count(output()), ld = c.stride(output());
+    pass_rows(true, rows, n, ld, c.data(inputs()[0]), c.data(output()));
+    pass_rows(false, rows, n, ld, c.data(inputs()[1]), c.data(output()));
+  }
+  void backward(Chunk& c) const override {
+    for (size_t i = 0; i < 2; ++i)
+      if (c.tape->needs_gradient(inputs()[i]))
+        pass_rows(overwrites(i), c.tape->rows(output()), c.count(output()), c.stride(output()),
+                  c.gradient(output()), c.gradient(inputs()[i]));
+  }
+};
+
 class Slice : public Operation {
  public:
   Slice(Value x, Value y, int first) : Operation({x}, y), first_(first) {}
@@ -84,7 +103,7 @@ class Elementwise : public Operation {
   void forward(Chunk& c) const override {
     const int64_t ld = c.stride(output());
     for (int r = 0; r < c.tape->rows(output()); ++r)
-      Derived::apply(c.count(output()), c.data(inputs()[0]) + r * ld, c.data(output()) + r * ld);
+      self().apply(c.count(output()), c.data(inputs()[0]) + r * ld, c.data(output()) + r * ld);
   }
   void backward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = c.count(output());
@@ -92,11 +111,14 @@ class Elementwise : public Operation {
     for (int r = 0; r < c.tape->rows(output()); ++r) {
       float* dx = c.gradient(inputs()[0]) + r * ld;
       float* to = overwrites(0) ? dx : scratch;
-      Derived::differentiate(n, c.data(inputs()[0]) + r * ld, c.data(output()) + r * ld,
-                             c.gradient(output()) + r * ld, to);
+      self().differentiate(n, c.data(inputs()[0]) + r * ld, c.data(output()) + r * ld,
+                           c.gradient(output()) + r * ld, to);
       if (!overwrites(0)) add_to(n, scratch, dx);
     }
   }
+
+ private:
+  const Derived& self() const { return static_cast<const Derived&>(*this); }
 };
 
 class TruncatedExp : public Elementwise<TruncatedExp> {
@@ -119,32 +141,53 @@ class Sigmoid : public Elementwise<Sigmoid> {
   }
 };
 
-template <class Op>
-Value elementwise(Tape& tape, Value x) {
+class Softplus : public Elementwise<Softplus> {
+ public:
+  Softplus(Value x, Value y, float shift) : Elementwise(x, y), shift_(shift) {}
+  static constexpr const char* kName = "softplus";
+  void apply(int64_t n, const float* x, float* y) const { softplus_forward(n, shift_, x, y); }
+  void differentiate(int64_t n, const float* x, const float*, const float* dy, float* dx) const {
+    softplus_backward(n, shift_, x, dy, dx);
+  }
+
+ private:
+  float shift_;
+};
+
+class Relu : public Elementwise<Relu> {
+ public:
+  using Elementwise::Elementwise;
+  static constexpr const char* kName = "relu";
+  static void apply(int64_t n, const float* x, float* y) { relu_forward(n, x, y); }
+  static void differentiate(int64_t n, const float*, const float* y, const float* dy, float* dx) {
+    if (dx != dy) std::memcpy(dx, dy, static_cast<size_t>(round_up(n, kLane)) * sizeof(float));
+    relu_backward(1, y, dx, 0, n);
+  }
+};
+
+class ScaleShift : public Elementwise<ScaleShift> {
+ public:
+  ScaleShift(Value x, Value y, float factor, float shift)
+      : Elementwise(x, y), factor_(factor), shift_(shift) {}
+  static constexpr const char* kName = "scale_shift";
+  void apply(int64_t n, const float* x, float* y) const {
+    for (int64_t i = 0; i < round_up(n, kLane); ++i) y[i] = factor_ * x[i] + shift_;
+  }
+  void differentiate(int64_t n, const float*, const float*, const float* dy, float* dx) const {
+    for (int64_t i = 0; i < round_up(n, kLane); ++i) dx[i] = factor_ * dy[i];
+  }
+
+ private:
+  float factor_, shift_;
+};
+
+template <class Op, class... Parameters>
+Value elementwise(Tape& tape, Value x, Parameters... parameters) {
   const Value y = tape.output(tape.rows(x), tape.domain(x), {&x, 1});
   tape.need_scratch(static_cast<size_t>(tape.capacity(tape.domain(x))));
-  tape.record(std::make_unique<Op>(x, y));
+  tape.record(std::make_unique<Op>(x, y, parameters...));
   return y;
 }
-
-class ViewCode : public Operation {
- public:
-  ViewCode(Value directions, Value y) : Operation({directions}, y) {}
-  const char* name() const override { return "view_code"; }
-
-  void forward(Chunk& c) const override {
-    const float* d = c.data(inputs()[0]);
-    const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
-    float* y = c.data(output());
-    for (int r = 0; r < c.rays; ++r) {
-      float code[kSphericalHarmonics];
-      spherical_harmonics(d[r], d[lr + r], d[2 * lr + r], code);
-      for (int k = 0; k < kSphericalHarmonics; ++k)
-        std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], code[k]);
-    }
-  }
-  void backward(Chunk&) const override {}  // directions are not trained
-};
 
 }  // namespace
 
@@ -153,6 +196,15 @@ Value concat(Tape& tape, Value a, Value b) {
   const Value from[] = {a, b};
   const Value y = tape.output(tape.rows(a) + tape.rows(b), tape.domain(a), from);
   tape.record(std::make_unique<Concat>(a, b, y));
+  return y;
+}
+
+Value add(Tape& tape, Value a, Value b) {
+  NERF_CHECK_EQ(tape.rows(a), tape.rows(b));
+  NERF_CHECK(tape.domain(a) == tape.domain(b));
+  const Value from[] = {a, b};
+  const Value y = tape.output(tape.rows(a), tape.domain(a), from);
+  tape.record(std::make_unique<Add>(a, b, y));
   return y;
 }
 
@@ -165,13 +217,10 @@ Value slice(Tape& tape, Value x, int first, int rows) {
 
 Value truncated_exp(Tape& tape, Value x) { return elementwise<TruncatedExp>(tape, x); }
 Value sigmoid(Tape& tape, Value x) { return elementwise<Sigmoid>(tape, x); }
-
-Value view_code(Tape& tape, Value directions) {
-  NERF_CHECK_EQ(tape.rows(directions), 3);
-  NERF_CHECK(!tape.needs_gradient(directions));
-  const Value y = tape.output(kSphericalHarmonics, Domain::kSamples, {&directions, 1});
-  tape.record(std::make_unique<ViewCode>(directions, y));
-  return y;
+Value softplus(Tape& tape, Value x, float shift) { return elementwise<Softplus>(tape, x, shift); }
+Value relu(Tape& tape, Value x) { return elementwise<Relu>(tape, x); }
+Value scale_shift(Tape& tape, Value x, float factor, float shift) {
+  return elementwise<ScaleShift>(tape, x, factor, shift);
 }
 
 }  // namespace nerf

@@ -17,7 +17,8 @@ class Linear : public Operation {
 
   void forward(Chunk& c) const override {
     const Value x = inputs()[0];
-    linear_forward(w_.in, w_.out, c.weights + w_.offset, nullptr, c.data(x), c.data(output()),
+    linear_forward(w_.in, w_.out, c.weights + w_.offset,
+                   w_.bias ? c.weights + w_.bias_offset() : nullptr, c.data(x), c.data(output()),
                    c.stride(x), c.count(x), activation_);
   }
 
@@ -30,7 +31,7 @@ class Linear : public Operation {
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
     linear_backward_weights(w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset,
-                            nullptr);
+                            w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr);
     if (!c.tape->needs_gradient(x)) return;
 
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));

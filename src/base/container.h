@@ -29,7 +29,8 @@ enum class SectionEncoding : uint32_t { kRaw = 0, kZlib = 1 };
 // save().
 class ContainerWriter {
  public:
-  explicit ContainerWriter(std::string header) : header_(std::move(header)) {}
+  explicit ContainerWriter(std::string header = {}) : header_(std::move(header)) {}
+  void set_header(std::string header) { header_ = std::move(header); }
 
   // `name`: 1 to 16 ASCII characters.
   template <class T>

@@ -54,6 +54,28 @@ void sigmoid_gradient(int64_t n, const float* y, const float* dy, float* dx) {
   });
 }
 
+// From the side where exp does not overflow: max(x, 0) + log(1 + exp(-|x|)).
+void softplus(int64_t n, float shift, const float* x, float* y) {
+  each(n, [=](D d, int64_t i) {
+    const auto at = hn::Add(hn::Load(d, x + i), hn::Set(d, shift));
+    const auto e = hn::Exp(d, hn::Max(hn::Neg(hn::Abs(at)), hn::Set(d, -100.0f)));
+    hn::Store(hn::Add(hn::Max(at, hn::Zero(d)), hn::Log1p(d, e)), d, y + i);
+  });
+}
+
+void softplus_gradient(int64_t n, float shift, const float* x, const float* dy, float* dx) {
+  each(n, [=](D d, int64_t i) {
+    const auto one = hn::Set(d, 1.0f);
+    const auto at = hn::Max(hn::Add(hn::Load(d, x + i), hn::Set(d, shift)), hn::Set(d, -88.0f));
+    const auto slope = hn::Div(one, hn::Add(one, hn::Exp(d, hn::Neg(at))));
+    hn::Store(hn::Mul(slope, hn::Load(d, dy + i)), d, dx + i);
+  });
+}
+
+void relu(int64_t n, const float* x, float* y) {
+  each(n, [=](D d, int64_t i) { hn::Store(hn::Max(hn::Load(d, x + i), hn::Zero(d)), d, y + i); });
+}
+
 void alpha(int64_t n, const float* density, const float* delta, float* out) {
   each(n, [=](D d, int64_t i) {
     const auto tau = hn::Mul(hn::Load(d, density + i), hn::Load(d, delta + i));
@@ -78,6 +100,9 @@ HWY_EXPORT(exp_forward);
 HWY_EXPORT(exp_backward);
 HWY_EXPORT(sigmoid);
 HWY_EXPORT(sigmoid_gradient);
+HWY_EXPORT(softplus);
+HWY_EXPORT(softplus_gradient);
+HWY_EXPORT(relu);
 HWY_EXPORT(alpha);
 HWY_EXPORT(add);
 
@@ -93,6 +118,13 @@ void sigmoid_forward(int64_t n, const float* x, float* y) {
 void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx) {
   HWY_DYNAMIC_DISPATCH(sigmoid_gradient)(n, y, dy, dx);
 }
+void softplus_forward(int64_t n, float shift, const float* x, float* y) {
+  HWY_DYNAMIC_DISPATCH(softplus)(n, shift, x, y);
+}
+void softplus_backward(int64_t n, float shift, const float* x, const float* dy, float* dx) {
+  HWY_DYNAMIC_DISPATCH(softplus_gradient)(n, shift, x, dy, dx);
+}
+void relu_forward(int64_t n, const float* x, float* y) { HWY_DYNAMIC_DISPATCH(relu)(n, x, y); }
 void opacity(int64_t n, const float* density, const float* delta, float* out) {
   HWY_DYNAMIC_DISPATCH(alpha)(n, density, delta, out);
 }

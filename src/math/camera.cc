@@ -285,4 +285,13 @@ std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
   return Vec3d{uv->x * k, uv->y * k, std::cos(theta)};
 }
 
+double pixel_cone_radius(const Camera& camera, const Vec2d& pixel) {
+  const auto here = unproject(camera, pixel);
+  const auto right = unproject(camera, {pixel.x + 1, pixel.y});
+  const auto below = unproject(camera, {pixel.x, pixel.y + 1});
+  if (!here || !right || !below) return 0;
+  const double apart = 0.5 * (length(*right - *here) + length(*below - *here));
+  return apart / length(*here) * 2 / std::sqrt(12.0);
+}
+
 }  // namespace nerf

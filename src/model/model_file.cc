@@ -8,6 +8,7 @@
 #include "model/model_info_json.h"
 #include "nerf/base/file.h"
 #include "nerf/model/grid_field.h"
+#include "nerf/model/network_field.h"
 #include "nerf/model/options_json.h"
 
 namespace nerf {
@@ -32,11 +33,28 @@ std::vector<uint16_t> to_half(std::span<const float> values) {
   return out;
 }
 
+// What the options ask for is allocated only when the file has shown to hold as much.
+RadianceField read_network(const ContainerReader& file, const JsonFields& header, ModelInfo info) {
+  NetworkOptions options;
+  options_from_json(options, header.at("options").dump(), file.where() + ": header: options");
+  options.check_options();
+  const double near = header.number("sample_near"), far = header.number("sample_far");
+  if (!(near >= 0 && near < far)) header.fail("must be below sample_far", "sample_near");
+  if (options.sampling.spacing == Spacing::kInverse && !(near > 0))
+    header.fail("must be above 0 with inverse spacing", "sample_near");
+  if (file.decoded_bytes("networks") != NetworkField::weights_of(options) * sizeof(float))
+    throw Error(
+        "is a damaged model file: its networks do not have the size that its options ask for",
+        file.where());
+  auto field = std::make_shared<NetworkField>(options, near, far);
+  file.read("networks", field->weights.span());
+  return RadianceField(std::move(info), std::move(field));
+}
+
 RadianceField read_model(const ContainerReader& file) {
   const JsonFields header = JsonFields::parse(file.header(), file.where() + ": header");
   ModelInfo info = model_info_from_json(header);
-  if (info.method != "grid")
-    header.fail("'" + info.method + "' is no method that this program knows", "method");
+  if (info.method != "grid") return read_network(file, header, std::move(info));
   GridOptions options;
   options_from_json(options, header.at("options").dump(), file.where() + ": header: options");
   const int cascades = static_cast<int>(header.integer("cascades", 1, 16));
@@ -83,6 +101,15 @@ RadianceField RadianceField::load(const std::filesystem::path& path) {
 void RadianceField::save(const std::filesystem::path& path) const {
   using internal::Json;
   Json header = internal::model_info_to_json(info_);
+  if (network_) {
+    header["options"] = Json::parse(options_to_json(network_->options));
+    header["sample_near"] = network_->near;
+    header["sample_far"] = network_->far;
+    internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));
+    file.add("networks", network_->weights.span());
+    file.save(path, internal::kModelFormat);
+    return;
+  }
   header["options"] = Json::parse(options_to_json(grid_->options));
   header["cascades"] = grid_->occupancy.cascades();
   header["clip"] = {{"min", internal::corner_to_json(grid_->clip.min)},

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "model/network_renderer.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
 
@@ -11,12 +12,18 @@ namespace nerf {
 RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const GridField> grid)
     : info_(std::move(info)), grid_(std::move(grid)) {}
 
+RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const NetworkField> network)
+    : info_(std::move(info)), network_(std::move(network)) {}
+
 void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
                           std::span<float> density, std::span<float> rgb, ThreadPool& pool) const {
   const int64_t n = static_cast<int64_t>(points.size());
   NERF_CHECK_EQ(directions.size(), points.size());
   NERF_CHECK_EQ(density.size(), points.size());
   NERF_CHECK_EQ(rgb.size(), 3 * points.size());
+  if (network_)
+    return internal::query_network(*network_, info_.to_engine, points, directions, density, rgb,
+                                   pool);
   const GridTape tape(*grid_, /*training=*/false);
   std::vector<std::unique_ptr<Chunk>> chunks(static_cast<size_t>(pool.size()));
   constexpr int64_t kBlock = kChunkSamples;

@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 
+#include "model/network_renderer.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
@@ -264,6 +265,9 @@ class TileRenderer {
 Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress, const Cancel* cancel) {
+  if (!radiance.is_grid())
+    return internal::render_network(radiance.network(), radiance.info(), camera, camera_to_world,
+                                    options, pool, progress, cancel);
   const GridField& field = radiance.grid();
   const ModelInfo& info = radiance.info();
   NERF_CHECK(camera.width > 0 && camera.height > 0);

@@ -19,39 +19,6 @@ using internal::JsonFields;
 constexpr internal::ContainerFormat kFormat{
     "NERFCKPT", 2, "checkpoint", "copy it again, or begin the run anew with --overwrite"};
 
-// Every array that a step reads and the step before wrote. Gradients are zero between steps.
-template <class Trainer, class Visit>
-void visit_arrays(Trainer& t, Visit&& visit) {
-  visit("table", t.field.table.span());
-  visit("table_m", t.optimiser.table_m.span());
-  visit("table_v", t.optimiser.table_v.span());
-  visit("row_steps", t.optimiser.row_steps.span());
-  visit("networks", t.field.weights.span());
-  visit("networks_m", t.optimiser.network_m.span());
-  visit("networks_v", t.optimiser.network_v.span());
-  visit("opacity", t.field.occupancy.training_state());
-  visit("pixel_errors", t.errors.errors());
-  visit("pixel_chances", t.errors.chances());
-}
-constexpr const char* kLevels = "occupancy";  // as of its last rebuild
-
-// The scalars of the same kind.
-template <class Trainer>
-Json scalars_to_json(const Trainer& t) {
-  return {{"done", t.done},
-          {"salt", t.salt},
-          {"rate_factor", t.rate_factor},
-          {"samples_per_ray", t.samples_per_ray}};
-}
-
-template <class Trainer>
-void scalars_from_json(const JsonFields& f, Trainer& t) {
-  t.done = f.integer("done", 0, INT64_MAX);
-  t.salt = f.unsigned_integer("salt");
-  t.rate_factor = f.number("rate_factor");
-  t.samples_per_ray = f.number("samples_per_ray");
-}
-
 void check_scene(const JsonFields& header, const internal::SceneFingerprint& own) {
   const JsonFields saved = header.object("scene");
   for (const auto& [aspect, hash] : own)
@@ -80,35 +47,32 @@ TrainOptions checked_options(const JsonFields& header, const TrainOptions& own) 
 
 void Trainer::save_checkpoint(const std::filesystem::path& path,
                               const std::string& run_state) const {
-  const Impl& t = *impl_;
+  const TrainerImpl& t = *impl_;
   Json header;
   header["options"] = Json::parse(options_to_json(t.options));
-  header["state"] = scalars_to_json(t);
   for (const auto& [aspect, hash] : internal::scene_fingerprint(t.scene, t.photos))
     header["scene"][aspect] = hash;
   header["run"] = run_state;
-  internal::ContainerWriter file(header.dump());
-  visit_arrays(t, [&](const char* name, auto values) { file.add(name, values); });
-  file.add(kLevels, t.field.occupancy.levels(), internal::SectionEncoding::kZlib);
+  Json state = {{"done", t.done}, {"salt", t.salt}, {"rate_factor", t.rate_factor}};
+  internal::ContainerWriter file;
+  t.save_state(file, state);
+  header["state"] = state;
+  file.set_header(header.dump());
   file.save(path, kFormat);
 }
 
 std::string Trainer::load_checkpoint(const std::filesystem::path& path) {
-  Impl& t = *impl_;
+  TrainerImpl& t = *impl_;
   const internal::ContainerReader file(path, kFormat);
   const JsonFields header = JsonFields::parse(file.header(), path.string());
   check_scene(header, internal::scene_fingerprint(t.scene, t.photos));
   const TrainOptions options = checked_options(header, t.options);
   const std::string run_state = header.text("run");
   const JsonFields state = header.object("state");
-
-  std::vector<uint8_t> levels(t.field.occupancy.levels().size());
-  file.read(kLevels, std::span(levels));
-  std::fill(t.optimiser.table_gradient.begin(), t.optimiser.table_gradient.end(), 0.0f);
-  std::fill(t.optimiser.touched.begin(), t.optimiser.touched.end(), uint8_t{0});
-  visit_arrays(t, [&](const char* name, auto values) { file.read(name, values); });
-  t.field.occupancy.set_levels(levels);
-  scalars_from_json(state, t);
+  t.load_state(file, state);
+  t.done = state.integer("done", 0, INT64_MAX);
+  t.salt = state.unsigned_integer("salt");
+  t.rate_factor = state.number("rate_factor");
   t.options = options;
   return run_state;
 }

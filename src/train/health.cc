@@ -3,16 +3,16 @@
 #include <cmath>
 #include <string>
 
-#include "train/trainer_impl.h"
+#include "train/grid_trainer.h"
 
 namespace nerf {
 
-void Trainer::Impl::check_loss(double loss) const {
+void TrainerImpl::check_loss(double loss) const {
   if (std::isfinite(loss)) return;
   throw NonFiniteError("the loss of step " + std::to_string(done + 1) + " is not finite");
 }
 
-void Trainer::Impl::check_gradient() const {
+void GridTrainer::check_gradient() const {
   const float* gradient = optimiser.network_gradient.data();
   const auto check = [&](const char* network, const std::vector<LinearWeights>& layers) {
     for (size_t l = 0; l < layers.size(); ++l)

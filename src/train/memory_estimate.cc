@@ -3,7 +3,8 @@
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/run.h"
-#include "train/trainer_impl.h"
+#include "train/grid_trainer.h"
+#include "train/network_trainer.h"
 
 namespace nerf {
 
@@ -17,10 +18,27 @@ uint64_t network_weights(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t
   return in * hidden + (layers - 1) * hidden * hidden + hidden * out;
 }
 
+// Follows the members of NetworkTrainer.
+uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
+  constexpr uint64_t kFloat = sizeof(float);
+  const uint64_t weights = NetworkField::weights_of(options.network);
+  const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
+  // The arenas of one thread are found by planning them; distances do not matter for their size.
+  const NetworkField field(options.network, 1, 2);
+  const uint64_t worker =
+      NetworkLevels(field, std::min(NetworkLevels::rays_per_chunk(field), options.recipe.rays),
+                    true, {})
+          .arena_bytes();
+  // Weights, gradient and two moments; the same again while a checkpoint is read and a model saved.
+  return kFloat * weights * (4 + accumulators + 4) + static_cast<uint64_t>(threads) * worker +
+         static_cast<uint64_t>(options.recipe.rays) * sizeof(NetworkRay);
+}
+
 }  // namespace
 
-// Follows the members of Trainer::Impl, in their order.
+// Follows the members of GridTrainer, in their order.
 uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
+  if (options.method != kGridMethod) return network_memory_bytes(options, threads);
   constexpr uint64_t kFloat = sizeof(float);
   const GridOptions& o = options.grid;
   const HashGridShape shape =

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "train/trainer_impl.h"
+#include "train/grid_trainer.h"
 
 namespace nerf {
 
@@ -23,7 +23,7 @@ void each_ray(const RayBatch& batch, const std::vector<float>& errors, const Bod
 
 }  // namespace
 
-void Trainer::Impl::observe_samples() {
+void GridTrainer::observe_samples() {
   const int64_t cells = field.occupancy.cells();
   for (int c = 0; c < batch.chunks; ++c) {
     const int64_t at = int64_t{c} * kChunkSamples;
@@ -36,7 +36,7 @@ void Trainer::Impl::observe_samples() {
   }
 }
 
-void Trainer::Impl::observe_errors() {
+void GridTrainer::observe_errors() {
   constexpr int64_t kInterval = 64;
   if (errors.keeps_all()) return;
   each_ray(batch, ray_errors,
@@ -45,7 +45,7 @@ void Trainer::Impl::observe_errors() {
 }
 
 // Each ray stands for the pixels that were passed over on the way to it.
-double Trainer::Impl::mean_squared_error() const {
+double GridTrainer::mean_squared_error() const {
   double sum = 0, pixels = 0;
   each_ray(batch, ray_errors, [&](int32_t tile, float squared_error) {
     const double weight = errors.keeps_all() ? 1 : 1 / static_cast<double>(errors.chance(tile));
@@ -56,7 +56,7 @@ double Trainer::Impl::mean_squared_error() const {
 }
 
 // One random point in one cell of every group of `group` cells.
-void Trainer::Impl::refresh_occupancy() {
+void GridTrainer::refresh_occupancy() {
   constexpr int64_t kInterval = 16, kMostPoints = 1 << 17;
   if (done % kInterval != 0) return;
   const bool whole = done == 32 || done == 64 || done == 128 || done == 256;

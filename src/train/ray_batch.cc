@@ -55,10 +55,27 @@ bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out) con
       i = choose(random, out);
     }
   }
+  return cast(i, out);
+}
+
+bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {
+  out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
+  const auto within = [&](int size) {
+    const int middle = std::max(1, static_cast<int>(share * size));
+    return (size - middle) / 2 + static_cast<int>(random.below(static_cast<uint64_t>(middle)));
+  };
+  out.x = within(out.photo->width);
+  out.y = within(out.photo->height);
+  return cast(i, out) && read(out);
+}
+
+// The ray of a pixel whose photo and place are known.
+bool PixelSource::cast(size_t i, Pixel& out) const {
   const size_t view = static_cast<size_t>(views_[i]);
   const Photo& photo = *out.photo;
   photo.prefetch(out.x, out.y);
-  const auto direction = unproject(photos_.cameras[view], {out.x + 0.5, out.y + 0.5});
+  out.camera = &photos_.cameras[view];
+  const auto direction = unproject(*out.camera, {out.x + 0.5, out.y + 0.5});
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
   out.ray.direction = normalized(poses_[i].rotation * *direction);

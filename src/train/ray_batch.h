@@ -27,10 +27,14 @@ class PixelSource {
     const Photo* photo = nullptr;
     int x = 0, y = 0;
     int32_t tile = 0;  // of the error map
+    const Camera* camera = nullptr;
   };
   // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
   // no ray for it (the draw then counts as nothing).
   bool draw(Random& random, Pixel& out) const;
+  // A pixel of the i-th training photo, from the middle `share` of its width and height.
+  bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
+  size_t photos() const { return views_.size(); }
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
   // second reads colour and mask.
@@ -39,6 +43,7 @@ class PixelSource {
 
  private:
   size_t choose(Random& random, Pixel& out) const;
+  bool cast(size_t i, Pixel& out) const;
 
   const PhotoSet& photos_;
   std::vector<int> views_;

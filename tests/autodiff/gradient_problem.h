@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -131,13 +132,22 @@ struct Problem {
     for (const LinearWeights& w : test.layers) size = std::max(size, w.offset + w.size());
     weights.resize(size);
     for (const LinearWeights& w : test.layers)
-      for (int j = 0; j < w.out; ++j)
-        for (int k = 0; k < w.in; ++k)
-          weights[index(w, j, k)] = uniform(random, -test.weight_range, test.weight_range);
+      for (const size_t at : places(w))
+        weights[at] = uniform(random, -test.weight_range, test.weight_range);
   }
 
   static size_t index(const LinearWeights& w, int row, int column) {
     return w.offset + static_cast<size_t>(row * weight_stride(w.in) + column);
+  }
+
+  // Of every weight of a layer, row by row, then of its biases.
+  static std::vector<size_t> places(const LinearWeights& w) {
+    std::vector<size_t> out;
+    for (int j = 0; j < w.out; ++j)
+      for (int k = 0; k < w.in; ++k) out.push_back(index(w, j, k));
+    for (int j = 0; w.bias && j < w.out; ++j)
+      out.push_back(w.bias_offset() + static_cast<size_t>(j));
+    return out;
   }
 
   // The template's outputs; `disturb` may change what it is given first.
@@ -200,10 +210,9 @@ inline std::vector<std::vector<Expected>> expected_gradients(const Problem& p,
   }
   for (const LinearWeights& w : p.test.layers) {
     out.emplace_back();
-    for (int j = 0; j < w.out; ++j)
-      for (int k = 0; k < w.in; ++k)
-        out.back().push_back(expected_gradient(
-            p, f, [&](auto& given) -> auto& { return given.weights[Problem::index(w, j, k)]; }));
+    for (const size_t at : Problem::places(w))
+      out.back().push_back(
+          expected_gradient(p, f, [&](auto& given) -> auto& { return given.weights[at]; }));
   }
   return out;
 }
@@ -222,8 +231,7 @@ struct Run {
     for (float& v : chunk.arena) v = uniform(random, -20, 20);
     for (size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(p.weights[i]);
     for (const LinearWeights& w : p.test.layers)
-      for (int j = 0; j < w.out; ++j)
-        for (int k = 0; k < w.in; ++k) weight_gradient[Problem::index(w, j, k)] = kBefore;
+      for (const size_t at : Problem::places(w)) weight_gradient[at] = kBefore;
     chunk.weights = weights.data();
     chunk.weight_gradient = weight_gradient.data();
     chunk.rays = static_cast<int>(p.rays.size()) - 1;
@@ -263,15 +271,15 @@ struct Run {
     }
     for (const LinearWeights& w : problem.test.layers) {
       out.emplace_back();
-      int stained = 0;
-      for (int j = 0; j < w.out; ++j)
-        for (int k = 0; k < weight_stride(w.in); ++k) {
-          const float g = weight_gradient[Problem::index(w, j, k)];
-          if (k < w.in)
-            out.back().push_back(static_cast<double>(g) - static_cast<double>(kBefore));
-          else
-            stained += g != 0;
-        }
+      AlignedArray<float> rest = weight_gradient;  // what is no weight
+      for (const size_t at : Problem::places(w)) {
+        out.back().push_back(static_cast<double>(weight_gradient[at]) -
+                             static_cast<double>(kBefore));
+        rest[at] = 0;
+      }
+      const auto begin = rest.begin() + static_cast<ptrdiff_t>(w.offset);
+      const auto stained = std::count_if(begin, begin + static_cast<ptrdiff_t>(w.size()),
+                                         [](float g) { return g != 0; });
       EXPECT_EQ(stained, 0) << "padding of the weights at " << w.offset;
     }
     return out;

@@ -42,6 +42,21 @@ inline Magnitude expm1(Magnitude x) {
   const double e = std::exp(x.value), value = std::expm1(x.value);
   return {value, std::fabs(value) + e * x.size, e * x.slope * (1 + x.size)};
 }
+inline Magnitude log1p(Magnitude x) {
+  const double value = std::log1p(x.value), d = 1 / (1 + x.value);
+  return {value, std::fabs(value) + d * x.size, d * x.slope * (1 + d * x.size)};
+}
+inline Magnitude sqrt(Magnitude x) {
+  const double r = std::sqrt(x.value);
+  return {r, r + 0.5 * x.size / r, 0.5 / r * x.slope * (1 + 0.5 * x.size / x.value)};
+}
+// An error of x moves both, and their derivatives, by at most as much.
+inline Magnitude sin(Magnitude x) {
+  return {std::sin(x.value), std::fabs(std::sin(x.value)) + x.size, x.slope * (1 + x.size)};
+}
+inline Magnitude cos(Magnitude x) {
+  return {std::cos(x.value), std::fabs(std::cos(x.value)) + x.size, x.slope * (1 + x.size)};
+}
 inline double real_part(Magnitude x) { return x.value; }
 inline Magnitude stop_gradient(Magnitude x) { return {x.value, x.size, 0}; }
 

@@ -6,6 +6,7 @@
 
 #include "autodiff/gradient_check.h"
 #include "nerf/math/reference/activations.h"
+#include "nerf/math/reference/encoding.h"
 #include "nerf/math/reference/huber.h"
 #include "nerf/math/reference/linear.h"
 #include "nerf/math/reference/spherical_harmonics.h"
@@ -36,8 +37,11 @@ Columns<T> linear(const Columns<T>& x, const std::vector<T>& weights, const Line
   for (int j = 0; j < w.out; ++j)
     for (int k = 0; k < w.in; ++k)
       packed.push_back(weights[gradient_check::Problem::index(w, j, k)]);
+  std::vector<T> bias;
+  for (int j = 0; w.bias && j < w.out; ++j)
+    bias.push_back(weights[w.bias_offset() + static_cast<size_t>(j)]);
   return each(x, [&](const std::vector<T>& c) {
-    return reference::linear(packed, {}, c, static_cast<size_t>(w.out), relu);
+    return reference::linear(packed, bias, c, static_cast<size_t>(w.out), relu);
   });
 }
 
@@ -52,6 +56,13 @@ Columns<T> mlp(Columns<T> x, const std::vector<T>& weights,
 template <class T>
 Columns<T> concat(Columns<T> a, const Columns<T>& b) {
   for (size_t s = 0; s < a.size(); ++s) a[s].insert(a[s].end(), b[s].begin(), b[s].end());
+  return a;
+}
+
+template <class T>
+Columns<T> add(Columns<T> a, const Columns<T>& b) {
+  for (size_t s = 0; s < a.size(); ++s)
+    for (size_t r = 0; r < a[s].size(); ++r) a[s][r] += b[s][r];
   return a;
 }
 
@@ -77,6 +88,45 @@ Columns<T> sigmoid(const Columns<T>& x) {
       return Magnitude(y.value, y.size, y.slope + v.slope * y.size);
     return y;
   });
+}
+
+template <class T>
+Columns<T> softplus(const Columns<T>& x, double shift) {
+  return each_element(x, [&](T v) { return reference::softplus(v + T(shift)); });
+}
+
+template <class T>
+Columns<T> relu(const Columns<T>& x) {
+  return each_element(x, [](T v) { return reference::relu(v); });
+}
+
+template <class T>
+Columns<T> scale_shift(const Columns<T>& x, double factor, double shift) {
+  return each_element(x, [&](T v) { return T(factor) * v + T(shift); });
+}
+
+template <class T>
+Columns<T> frequency_encoding(const Columns<T>& x, const std::vector<double>& weights,
+                              bool identity) {
+  return each(x, [&](const std::vector<T>& c) {
+    return reference::frequency_encoding(c, weights, identity);
+  });
+}
+
+template <class T>
+Columns<T> integrated_encoding(const Columns<T>& mean, const Columns<T>& variance, int degrees) {
+  Columns<T> y;
+  for (size_t s = 0; s < mean.size(); ++s)
+    y.push_back(reference::integrated_encoding(mean[s], variance[s], degrees));
+  return y;
+}
+
+template <class T>
+Columns<T> repeat_for_samples(const Columns<T>& x, const Rays& rays) {
+  Columns<T> y;
+  for (size_t r = 0; r + 1 < rays.size(); ++r)
+    for (int32_t s = rays[r]; s < rays[r + 1]; ++s) y.push_back(x[r]);
+  return y;
 }
 
 // One code per ray, repeated for its samples.
@@ -113,17 +163,54 @@ std::pair<Columns<T>, Columns<T>> composite(const Columns<T>& density, const Col
   return out;
 }
 
-// One term of the loss per ray.
 template <class T>
-Columns<T> huber_loss(const Columns<T>& pixel, const Columns<T>& target, const Columns<T>& scale,
-                      double delta) {
+Columns<T> render_weights(const Columns<T>& density, const Columns<T>& delta, const Rays& rays,
+                          bool opaque_end) {
+  Columns<T> out;
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    std::vector<T> sigma, length;
+    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
+      sigma.push_back(density[s][0]);
+      length.push_back(delta[s][0]);
+    }
+    for (const T& w : reference::render_weights(sigma, length, opaque_end)) out.push_back({w});
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> accumulate(const Columns<T>& weights, const Columns<T>& colour,
+                      const Columns<T>& background, const Rays& rays) {
+  Columns<T> out;
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    std::vector<T> pixel(4);
+    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
+      for (size_t k = 0; k < 3; ++k) pixel[k] += weights[s][0] * colour[s][k];
+      pixel[3] += weights[s][0];
+    }
+    for (size_t k = 0; k < 3; ++k) pixel[k] += (T(1) - pixel[3]) * background[r][k];
+    out.push_back(pixel);
+  }
+  return out;
+}
+
+// One term of the loss per ray: f of each channel's error.
+template <class T, class F>
+Columns<T> pixel_loss(const Columns<T>& pixel, const Columns<T>& target, const Columns<T>& scale,
+                      const F& f) {
   Columns<T> out;
   for (size_t r = 0; r < pixel.size(); ++r) {
     T sum(0);
-    for (size_t k = 0; k < 3; ++k) sum += reference::huber(pixel[r][k] - target[r][k], delta);
+    for (size_t k = 0; k < 3; ++k) sum += f(pixel[r][k] - target[r][k]);
     out.push_back({sum * scale[r][0]});
   }
   return out;
+}
+
+template <class T>
+Columns<T> huber_loss(const Columns<T>& pixel, const Columns<T>& target, const Columns<T>& scale,
+                      double delta) {
+  return pixel_loss(pixel, target, scale, [&](T e) { return reference::huber(e, delta); });
 }
 
 }  // namespace nerf::on_columns

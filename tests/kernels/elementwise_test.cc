@@ -99,6 +99,46 @@ TEST(Elementwise, Sigmoid) {
   backward.report();
 }
 
+// x + shift is rounded once, where softplus has a slope of at most 1; exp(-|x|) has relative error
+// e that log(1 + exp) passes on damped, and the logarithm and the sum add theirs. Where x < 0 and
+// the logarithm alone is left, all of that is relative to it; x's own rounding is not.
+TEST(Elementwise, SoftplusAndRelu) {
+  WorstError forward("softplus"), backward("softplus_backward");
+  constexpr double kLog1pError = 4 * kRoundoff;  // Highway states 2 units in the last place
+  for_each_target([&](const std::string&) {
+    const Matrix x = row_of(arguments());
+    Random random(28, 0, 0);
+    const Matrix dy(1, x.n, random, -2, 2, Matrix::Padding::kZero);
+    for (float shift : {0.0f, -1.0f}) {
+      Matrix y(1, x.n), dx(1, x.n), r(1, x.n);
+      softplus_forward(x.n, shift, x.data.data(), y.data.data());
+      softplus_backward(x.n, shift, x.data.data(), dy.data.data(), dx.data.data());
+      relu_forward(x.n, x.data.data(), r.data.data());
+      for (int64_t i = 0; i < x.n; ++i) {
+        const double at = static_cast<double>(x.at(0, i)) + static_cast<double>(shift);
+        const double want = reference::softplus(at), slope = reference::sigmoid(at);
+        forward.compare(y.at(0, i), want,
+                        (kExpError + kLog1pError + kRoundoff) * want +
+                            kRoundoff * std::fabs(at) * slope + kTiny,
+                        "x", x.at(0, i));
+        const double g = dy.at(0, i);
+        // The slope's own derivative is at most itself.
+        backward.compare(
+            dx.at(0, i), slope * g,
+            (kExpError + 3 * kRoundoff + kRoundoff * std::fabs(at)) * std::fabs(slope * g) +
+                2 * kTiny,
+            "x", x.at(0, i));
+        EXPECT_EQ(r.at(0, i), std::max(x.at(0, i), 0.0f));
+      }
+      y.expect_untouched_beyond_padding();
+      dx.expect_untouched_beyond_padding();
+      r.expect_untouched_beyond_padding();
+    }
+  });
+  forward.report();
+  backward.report();
+}
+
 // The product's rounding reaches 1 - exp(-tau) damped by tau / (exp(tau) - 1) <= 1. Small arguments
 // keep their relative accuracy.
 TEST(Elementwise, Opacity) {

@@ -9,14 +9,25 @@
 
 namespace nerf {
 
-// Where a layer's weights stand in the model's parameter array: [out x weight_stride(in)].
+// Where a layer's weights stand in the model's parameter array: [out x weight_stride(in)], then,
+// where it has one, the bias [out], padded to kLane.
 struct LinearWeights {
   size_t offset = 0;
   int in = 0, out = 0;
-  size_t size() const { return static_cast<size_t>(out) * static_cast<size_t>(weight_stride(in)); }
+  bool bias = false;
+  size_t bias_offset() const {
+    return offset + static_cast<size_t>(out) * static_cast<size_t>(weight_stride(in));
+  }
+  size_t size() const {
+    return bias_offset() - offset + (bias ? static_cast<size_t>(round_up(out, kLane)) : 0);
+  }
+  // Without padding.
+  size_t parameters() const {
+    return static_cast<size_t>(out) * static_cast<size_t>(in + (bias ? 1 : 0));
+  }
 };
 
-// [in x n] -> [out x n], no bias: act(W x).
+// [in x n] -> [out x n]: act(W x + b).
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation);
 
 // ReLU layers with a linear last one (a fused MLP of tiny-cuda-nn's kind).
@@ -33,6 +44,30 @@ Value truncated_exp(Tape& tape, Value x);
 
 Value sigmoid(Tape& tape, Value x);
 
+// log(1 + exp(x + shift)): a density that cannot die (Barron et al. 2021, section 3.1).
+Value softplus(Tape& tape, Value x, float shift);
+
+Value relu(Tape& tape, Value x);
+
+// a + b, of the same shape.
+Value add(Tape& tape, Value a, Value b);
+
+// factor x + shift.
+Value scale_shift(Tape& tape, Value x, float factor, float shift);
+
+// [d x n] -> [(identity ? d : 0) + 2 d F x n], F the number of weights: x itself, then for each
+// frequency 2^k the sines of all coordinates and their cosines, times weights[k] (Mildenhall et al.
+// 2020, equation 4, in the order of the authors' code, without its factor pi; with the weights of a
+// window: Park et al. 2021, equation 8).
+Value frequency_encoding(Tape& tape, Value x, std::span<const float> weights, bool identity);
+
+// [d x n], [d x n] -> [2 d degrees x n]: the expected sines of 2^k x, then the expected cosines, of
+// a Gaussian with this mean and variance along each axis (Barron et al. 2021, equation 14).
+Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees);
+
+// [d x rays] -> [d x samples]: a ray's column for each of its samples.
+Value repeat_for_samples(Tape& tape, Value x);
+
 // Spherical harmonics [16 x samples] of the unit directions [3 x rays], repeated for a ray's
 // samples.
 Value view_code(Tape& tape, Value directions);
@@ -47,9 +82,26 @@ struct Composite {
 };
 Composite composite(Tape& tape, Value density, Value colour, Value delta, Value background);
 
+// The two halves of composite(), for losses on the weights.
+//   density [1 x samples], delta [1 x samples] -> weights [1 x samples]
+// With `opaque_end` the last interval of each ray lets nothing through, whatever its density is.
+Value render_weights(Tape& tape, Value density, Value delta, bool opaque_end);
+//   weights [1 x samples], colour [3 x samples], background [3 x rays] -> [4 x rays]: colour over
+//   the background, which shows where the weights do not add up to 1; sum of the weights.
+Value accumulate(Tape& tape, Value weights, Value colour, Value background);
+
+// Adds `gradient` [rows of x], which the caller fills between forward and backward, to the gradient
+// of x: for losses that are computed beside the tape (parts/losses.h).
+void add_gradient(Tape& tape, Value x, Value gradient);
+
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the
 // chunk and times `scale` (1 / (3 rays of the step)); for |r| <= delta it equals r^2. Adds to
 // Chunk::loss.
 Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta);
+
+// The same with the squared error r^2, and with the Charbonnier loss sqrt(r^2 + epsilon^2) (Barron
+// et al. 2022, section 5).
+Value squared_loss(Tape& tape, Value pixel, Value target, Value scale);
+Value charbonnier_loss(Tape& tape, Value pixel, Value target, Value scale, float epsilon);
 
 }  // namespace nerf

@@ -17,6 +17,13 @@ void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* d
 void sigmoid_forward(int64_t n, const float* x, float* y);
 void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx);
 
+// log(1 + exp(x + shift)); the derivative is sigmoid(x + shift).
+void softplus_forward(int64_t n, float shift, const float* x, float* y);
+void softplus_backward(int64_t n, float shift, const float* x, const float* dy, float* dx);
+
+// max(x, 0); the derivative is 0 at 0.
+void relu_forward(int64_t n, const float* x, float* y);
+
 // alpha = 1 - exp(-density * delta), without cancellation for small arguments.
 void opacity(int64_t n, const float* density, const float* delta, float* alpha);
 

@@ -61,4 +61,10 @@ std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction);
 // iterations to 1e-10; no value where that does not converge or lies beyond the lens's valid range.
 std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel);
 
+// Radius at distance 1 of the cone that a pixel casts along its (normalised) ray: 2 / sqrt(12)
+// times the mean distance to the rays of the next pixel to the right and below, so that the cone's
+// variance is that of the square pixel (Barron et al. 2021, section 3). 0 where a neighbour has no
+// ray.
+double pixel_cone_radius(const Camera& camera, const Vec2d& pixel);
+
 }  // namespace nerf

@@ -14,6 +14,24 @@ TVec3<T> contract(const TVec3<T>& x) {
   return x * ((T(2) - T(1) / r) / r);
 }
 
+// Jacobian of contract() at x: a I + b x x^T (from its form; eigenvalues 1 / r^2 along x and
+// (2 r - 1) / r^2 across, r = |x| > 1).
+template <class T>
+struct ContractionJacobian {
+  T a, b;
+  TVec3<T> x;
+  TVec3<T> operator()(const TVec3<T>& v) const { return v * a + x * (b * dot(x, v)); }
+};
+
+template <class T>
+ContractionJacobian<T> contraction_jacobian(const TVec3<T>& x) {
+  const T r2 = dot(x, x);
+  if (!(r2 > T(1))) return {T(1), T(0), x};
+  const T r = std::sqrt(r2);
+  // Written without r^4, which would overflow far out: b x x^T = b r^2 (x / r)(x / r)^T.
+  return {(T(2) - T(1) / r) / r, (T(2) - T(2) * r) / r2, x / r};
+}
+
 // Inverse for |z| < 2.
 template <class T>
 TVec3<T> uncontract(const TVec3<T>& z) {

@@ -11,11 +11,13 @@
 
 namespace nerf {
 
-struct GridField;  // weights and occupancy, model/grid_field.h
+struct GridField;     // weights and occupancy, model/grid_field.h
+struct NetworkField;  // weights of a paper method, model/network_field.h
 
 class RadianceField {
  public:
   RadianceField(ModelInfo info, std::shared_ptr<const GridField> grid);
+  RadianceField(ModelInfo info, std::shared_ptr<const NetworkField> network);
 
   // Model file (docs/model_file.md). load throws Error for a file that is truncated, damaged or of
   // another version; save writes atomically.
@@ -23,17 +25,22 @@ class RadianceField {
   void save(const std::filesystem::path& path) const;
 
   const ModelInfo& info() const { return info_; }
+  // Of the two kinds of field a model has one.
+  bool is_grid() const { return grid_ != nullptr; }
   const GridField& grid() const { return *grid_; }
+  const NetworkField& network() const { return *network_; }
 
   // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both
-  // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the density is 0
-  // outside the trained region and in cells that are known to be empty.
+  // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the grid method's
+  // density is 0 outside the trained region and in cells that are known to be empty; a paper
+  // method's is that of its last level.
   void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
              std::span<float> density, std::span<float> rgb, ThreadPool& pool) const;
 
  private:
   ModelInfo info_;
   std::shared_ptr<const GridField> grid_;
+  std::shared_ptr<const NetworkField> network_;
 };
 
 }  // namespace nerf

@@ -15,15 +15,24 @@
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
 #include "nerf/model/grid_field.h"
+#include "nerf/model/network_options.h"
 #include "nerf/model/radiance_field.h"
+#include "nerf/train/network_recipe.h"
 
 namespace nerf {
 
+inline constexpr const char* kGridMethod = "grid";
+
+namespace internal {
+std::vector<std::string> method_choices();  // of the table in methods.cc
+}
+
 struct TrainOptions {
+  std::string method = kGridMethod;  // see methods.h
   uint64_t seed = 1;
   int64_t steps = 0;            // planned length: the rate falls over it
   int batch_samples = 1 << 16;  // network samples of a step
-  double rate = 2e-2;           // of the tables
+  double rate = 2e-2;           // of the tables, or of all networks
   double network_rate = 1;      // of the networks, as a share of `rate`
   double final_rate = 0.02;     // of the last step, as a share of `rate`
   int warmup_steps = 64;        // over which the rate rises
@@ -34,9 +43,13 @@ struct TrainOptions {
   double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
   double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
   GridOptions grid;
+  // Of the other methods.
+  NetworkOptions network;
+  NetworkRecipe recipe;
 
   template <class V>
   void visit_options(V& v) {
+    v("method", method, "what is trained; see --list-methods", one_of(internal::method_choices()));
     v("seed", seed, "of every random number");
     v("steps", steps, "length of the training; the step size falls over it", at_least(0));
     v("batch_samples", batch_samples, "network samples of a step", at_least(960), at_most(1 << 22));
@@ -64,8 +77,13 @@ struct TrainOptions {
     v("occupancy_threshold", occupancy_threshold,
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
     v("grid", grid, "field");
+    v("network", network, "field of the paper methods");
+    v("recipe", recipe, "training of the paper methods");
   }
-  void check_options() const { grid.check_options(); }
+  void check_options() const {
+    grid.check_options();
+    network.check_options();
+  }
 };
 
 struct StepReport {
@@ -91,6 +109,8 @@ struct TrainProfile {
   double rays = 0, encode = 0, network = 0, scatter = 0, update = 0, occupancy = 0;
 };
 
+struct TrainerImpl;
+
 class Trainer {
  public:
   // The scene and the photos must outlive the trainer. Throws Error for options outside their
@@ -108,7 +128,7 @@ class Trainer {
   int64_t steps_done() const;
   const TrainOptions& options() const;
   const TrainProfile& profile() const;
-  // The field as it is now; valid until the next step.
+  // The field of the grid method as it is now; valid until the next step.
   const GridField& field() const;
   // Mean alpha of the training photos, from a sample of their pixels.
   double photo_opacity() const;
@@ -137,8 +157,7 @@ class Trainer {
   void vary(uint64_t salt, double rate_factor);
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<TrainerImpl> impl_;
 };
 
 }  // namespace nerf

@@ -38,4 +38,12 @@ T sigmoid_slope(T y) {
   return y * (T(1) - y);
 }
 
+// log(1 + exp(x)), from the side where exp does not overflow.
+template <class T>
+T softplus(T x) {
+  using std::exp;
+  if (real_part(x) > 0) return x + log1p(exp(-x));
+  return log1p(exp(x));
+}
+
 }  // namespace nerf::reference

@@ -41,6 +41,11 @@ inline Dual sqrt(Dual x) {
   return {r, x.derivative / (2 * r)};
 }
 
+inline Dual log(Dual x) { return {std::log(x.value), x.derivative / x.value}; }
+inline Dual log1p(Dual x) { return {std::log1p(x.value), x.derivative / (1 + x.value)}; }
+inline Dual sin(Dual x) { return {std::sin(x.value), std::cos(x.value) * x.derivative}; }
+inline Dual cos(Dual x) { return {std::cos(x.value), -std::sin(x.value) * x.derivative}; }
+
 // exp(x) - 1 without cancellation; the standard library has none for complex numbers.
 inline float expm1(float x) { return std::expm1(x); }
 inline double expm1(double x) { return std::expm1(x); }
@@ -48,6 +53,15 @@ inline std::complex<double> expm1(std::complex<double> z) {
   const double s = std::sin(0.5 * z.imag());
   return {std::expm1(z.real()) * std::cos(z.imag()) - 2 * s * s,
           std::exp(z.real()) * std::sin(z.imag())};
+}
+
+// log(1 + x) without loss of digits for small x; real parts above -1.
+inline float log1p(float x) { return std::log1p(x); }
+inline double log1p(double x) { return std::log1p(x); }
+inline std::complex<double> log1p(std::complex<double> z) {
+  const double a = 1 + z.real();
+  return {std::log1p(z.real()) + 0.5 * std::log1p(z.imag() * z.imag() / (a * a)),
+          std::atan2(z.imag(), a)};
 }
 
 inline float real_part(float x) { return x; }

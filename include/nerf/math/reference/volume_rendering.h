@@ -16,6 +16,22 @@ T opacity(T density, T length) {
   return -expm1(-density * length);
 }
 
+// Weights of the samples, w_i = T_i (1 - exp(-density_i length_i)); with `opaque_end` the last one
+// takes all that is left.
+template <class T>
+std::vector<T> render_weights(const std::vector<T>& density, const std::vector<T>& delta,
+                              bool opaque_end) {
+  using std::exp;
+  std::vector<T> weights;
+  T transmittance = T(1);
+  for (size_t i = 0; i < density.size(); ++i) {
+    const bool opaque = opaque_end && i + 1 == density.size();
+    weights.push_back(opaque ? transmittance : transmittance * opacity(density[i], delta[i]));
+    transmittance *= exp(-density[i] * delta[i]);
+  }
+  return weights;
+}
+
 template <class T>
 struct RenderedRay {
   std::array<T, 4> pixel;  // colour over the background, opacity

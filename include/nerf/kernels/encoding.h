@@ -1,0 +1,25 @@
+// Sine and cosine features of one coordinate at one frequency: what frequency encoding (Mildenhall
+// et al. 2020, equation 4), its windowed form (Park et al. 2021, equation 8) and integrated
+// encoding (Barron et al. 2021, equation 14) are made of.
+#pragma once
+
+#include <cstdint>
+
+namespace nerf {
+
+// With a = weight exp(-frequency^2 variance / 2):
+//   sine[i] = a_i sin(frequency x_i),  cosine[i] = a_i cos(frequency x_i).
+// variance may be null (0 everywhere) and is at least 0. frequency is a power of two, so that the
+// argument is exact; both results are then within 2 units in the last place of `a` at any finite
+// argument. n is rounded up to kLane (linear.h); pointers are aligned to 64 bytes.
+void sine_cosine_forward(int64_t n, const float* x, const float* variance, float frequency,
+                         float weight, float* sine, float* cosine);
+
+// Adds to dx and, unless null, to dvariance what the gradients of both features leave there. Needs
+// the features, not the arguments:
+//   dx += frequency (cosine d_sine - sine d_cosine)
+//   dvariance -= frequency^2 / 2 (sine d_sine + cosine d_cosine)
+void sine_cosine_backward(int64_t n, const float* sine, const float* cosine, const float* d_sine,
+                          const float* d_cosine, float frequency, float* dx, float* dvariance);
+
+}  // namespace nerf

@@ -1,0 +1,46 @@
+// Specification of the losses on the weights of a ray (parts/losses.h), term by term.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "nerf/math/reference/scalar.h"
+
+namespace nerf::reference {
+
+// sum_ij w_i w_j |m_i - m_j| + 1/3 sum_i w_i^2 (s_{i+1} - s_i), m the bins' middles (Barron et al.
+// 2022, equation 15).
+template <class T>
+T distortion_loss(const std::vector<double>& s, const std::vector<T>& w) {
+  T sum(0);
+  for (size_t i = 0; i < w.size(); ++i) {
+    for (size_t j = 0; j < w.size(); ++j) {
+      const double apart = 0.5 * (s[i] + s[i + 1]) - 0.5 * (s[j] + s[j + 1]);
+      sum += w[i] * w[j] * T(apart < 0 ? -apart : apart);
+    }
+    sum += w[i] * w[i] * T((s[i + 1] - s[i]) / 3);
+  }
+  return sum;
+}
+
+// sum_i max(0, w_i - bound_i)^2 / (w_i + epsilon), bound_i the weight of all proposal bins that
+// overlap bin i (Barron et al. 2022, equation 13); bins that touch at one point overlap where the
+// point is the later one's start.
+template <class T>
+T interlevel_loss(const std::vector<double>& s, const std::vector<double>& w,
+                  const std::vector<double>& proposal_s, const std::vector<T>& proposal_w,
+                  double epsilon) {
+  T sum(0);
+  for (size_t i = 0; i < w.size(); ++i) {
+    T bound(0);
+    for (size_t j = 0; j < proposal_w.size(); ++j)
+      if (proposal_s[j + 1] > s[i] && proposal_s[j] <= s[i + 1]) bound += proposal_w[j];
+    if (real_part(bound) < w[i]) {
+      const T missing = T(w[i]) - bound;
+      sum += missing * missing * T(1 / (w[i] + epsilon));
+    }
+  }
+  return sum;
+}
+
+}  // namespace nerf::reference

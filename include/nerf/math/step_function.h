@@ -1,0 +1,158 @@
+// Step functions on a ray: n bins between n + 1 sorted edges, a weight each, and samples drawn from
+// them. All functions are templates on the scalar (float in the engine, double in tests) and write
+// into arrays of the caller's. Edges may coincide; a bin without width is never drawn from by the
+// functions that say so.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <span>
+
+namespace nerf {
+
+// cdf[0 .. n]: cumulative share of the weights, 0 at the first edge and 1 at the last, never
+// falling. Weights are at least 0; where they sum to less than 1e-5 an equal share is added to
+// each, so that a histogram without mass is drawn from bin by bin (mip-NeRF's
+// sorted_piecewise_constant_pdf).
+template <class T>
+void cumulative_shares(std::span<const T> weights, std::span<T> cdf) {
+  T sum(0);
+  for (const T w : weights) sum += w;
+  const T least(1e-5);
+  const T padding = sum < least ? (least - sum) / static_cast<T>(weights.size()) : T(0);
+  const T total = std::max(sum, least);
+  T below(0);
+  cdf[0] = T(0);
+  for (size_t i = 0; i < weights.size(); ++i) {
+    below += weights[i] + padding;
+    cdf[i + 1] = std::min(T(1), below / total);
+  }
+  cdf[weights.size()] = T(1);
+}
+
+// Positions at which the piecewise linear cdf over the edges takes the values u, each in [0, 1).
+// u sorted: one pass over the bins.
+template <class T>
+void invert_sorted(std::span<const T> edges, std::span<const T> cdf, std::span<const T> u,
+                   std::span<T> out) {
+  size_t bin = 0;
+  const size_t last = edges.size() - 2;
+  for (size_t i = 0; i < u.size(); ++i) {
+    while (bin < last && !(u[i] < cdf[bin + 1])) ++bin;
+    const T mass = cdf[bin + 1] - cdf[bin];
+    const T share = mass > T(0) ? std::clamp((u[i] - cdf[bin]) / mass, T(0), T(1)) : T(0);
+    // Of the form that reproduces both edges exactly.
+    out[i] = share == T(1) ? edges[bin + 1] : edges[bin] + share * (edges[bin + 1] - edges[bin]);
+  }
+}
+
+// NeRF's fine samples (Mildenhall et al. 2020, section 5.2; sample_pdf of the authors' code): drawn
+// from the histogram of the coarse weights[1 .. n-1) between the middles of the n coarse positions,
+// each weight raised by 1e-5. u: sorted numbers in [0, 1). scratch: at least 2 n. n >= 3.
+template <class T>
+void resample_points(std::span<const T> coarse, std::span<const T> weights, std::span<const T> u,
+                     std::span<T> scratch, std::span<T> out) {
+  const size_t bins = coarse.size() - 2;
+  const std::span<T> edges = scratch.subspan(0, bins + 1),
+                     cdf = scratch.subspan(bins + 1, bins + 1);
+  for (size_t i = 0; i <= bins; ++i) edges[i] = T(0.5) * (coarse[i] + coarse[i + 1]);
+  T total(0);
+  for (size_t i = 0; i < bins; ++i) total += weights[i + 1] + T(1e-5);
+  cdf[0] = T(0);
+  for (size_t i = 0; i < bins; ++i) cdf[i + 1] = cdf[i] + (weights[i + 1] + T(1e-5)) / total;
+  cdf[bins] = T(1);
+  invert_sorted<T>(edges, cdf, u, out);
+}
+
+// mip-NeRF's blurred weights (Barron et al. 2021, section 3.1): the larger one of two neighbours,
+// averaged over two of those, plus `padding`. In place is allowed.
+template <class T>
+void blur_weights(std::span<const T> weights, T padding, std::span<T> out) {
+  const size_t n = weights.size();
+  T before = weights[0], here = weights[0];  // edges repeat
+  T left = std::max(before, here);
+  for (size_t i = 0; i < n; ++i) {
+    const T next = i + 1 < n ? weights[i + 1] : here;
+    const T right = std::max(here, next);
+    out[i] = T(0.5) * (left + right) + padding;
+    left = right;
+    here = next;
+  }
+}
+
+// Weights raised to `exponent` and normalised, 0 for bins without width: mip-NeRF 360's annealed
+// histogram (Barron et al. 2022, section 4, equation 18 with bias in annealing_exponent). In place
+// is allowed.
+template <class T>
+void anneal_weights(std::span<const T> edges, std::span<const T> weights, T exponent,
+                    std::span<T> out) {
+  T sum(0);
+  for (size_t i = 0; i < weights.size(); ++i) {
+    const bool open = edges[i + 1] > edges[i];
+    out[i] = !open               ? T(0)
+             : weights[i] > T(0) ? std::pow(weights[i], exponent)
+                                 : T(exponent == T(0));
+    sum += out[i];
+  }
+  if (sum > T(0))
+    for (size_t i = 0; i < weights.size(); ++i) out[i] /= sum;
+}
+
+// Schlick's bias of the share of training done: 0 at the start, 1 at the end.
+template <class T>
+T annealing_exponent(T share, T slope = T(10)) {
+  return slope * share / ((slope - T(1)) * share + T(1));
+}
+
+// Posts between the middles of the sorted `centres`, n + 1 of them; the outer two mirror their
+// neighbours at the outer centres and stay within [low, high] (multinerf's sample_intervals).
+template <class T>
+void posts_around(std::span<const T> centres, T low, T high, std::span<T> posts) {
+  const size_t n = centres.size();
+  if (n == 1) {
+    posts[0] = low;
+    posts[1] = high;
+    return;
+  }
+  for (size_t i = 1; i < n; ++i) posts[i] = T(0.5) * (centres[i - 1] + centres[i]);
+  posts[0] = std::max(low, T(2) * centres[0] - posts[1]);
+  posts[n] = std::min(high, T(2) * centres[n - 1] - posts[n - 1]);
+}
+
+// Edges of dilate_weights(): those of n bins, and each bin's moved outwards.
+inline size_t dilated_edges(size_t bins) { return 3 * bins + 1; }
+
+// Largest density of all bins that reach within `dilation` of a point, as a step function between
+// all edges and the moved ones, which stay in [low, high]; as weights that sum to 1 (Barron et al.
+// 2022, supplement, section C; multinerf's max_dilate_weights). out_edges: dilated_edges(n), one
+// weight less.
+template <class T>
+void dilate_weights(std::span<const T> edges, std::span<const T> weights, T dilation, T low, T high,
+                    std::span<T> out_edges, std::span<T> out_weights) {
+  const size_t n = weights.size();
+  size_t k = 0;
+  for (size_t i = 0; i <= n; ++i) out_edges[k++] = edges[i];
+  for (size_t i = 0; i < n; ++i) out_edges[k++] = std::clamp(edges[i] - dilation, low, high);
+  for (size_t i = 0; i < n; ++i) out_edges[k++] = std::clamp(edges[i + 1] + dilation, low, high);
+  std::sort(out_edges.begin(), out_edges.begin() + static_cast<ptrdiff_t>(k));
+  T sum(0);
+  size_t first = 0;  // bins that end before the interval's start are done with
+  for (size_t j = 0; j + 1 < k; ++j) {
+    const T begin = out_edges[j], end = out_edges[j + 1];
+    while (first < n && edges[first + 1] + dilation <= begin) ++first;
+    T density(0);
+    for (size_t i = first; i < n && edges[i] - dilation <= begin; ++i) {
+      const T width = edges[i + 1] - edges[i];
+      if (edges[i + 1] + dilation > begin && width > T(0))
+        density = std::max(density, weights[i] / width);
+    }
+    out_weights[j] = density * (end - begin);
+    sum += out_weights[j];
+  }
+  const T least = std::numeric_limits<T>::epsilon();
+  for (size_t j = 0; j + 1 < k; ++j) out_weights[j] /= std::max(sum, least);
+}
+
+}  // namespace nerf

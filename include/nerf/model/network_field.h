@@ -1,0 +1,100 @@
+// The field of the paper methods: encoded positions through wide networks (Mildenhall et al. 2020,
+// figure 7, and its successors), evaluated level by level on a ray.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "nerf/autodiff/operations.h"
+#include "nerf/base/aligned.h"
+#include "nerf/math/vec.h"
+#include "nerf/model/network_options.h"
+
+namespace nerf {
+
+// One network:
+//   encoding -> depth layers of width, ReLU -> density (1)
+//                                            -> bottleneck -> [., direction] -> ReLU -> colour (3)
+struct RadianceNetwork {
+  std::vector<LinearWeights> trunk;
+  LinearWeights density;
+  LinearWeights bottleneck, view, colour;  // of size 0 where there is no colour
+  bool has_colour = false;
+  size_t begin = 0, end = 0;  // in the field's weights
+  size_t parameters() const;  // without padding
+};
+
+// Everything that rendering needs. Plain data: the trainer writes it between steps.
+struct NetworkField {
+  // near and far: the first and last distance of samples from a camera, engine units.
+  NetworkField(const NetworkOptions& options, double near, double far);
+
+  NetworkOptions options;
+  double near, far;
+  std::vector<RadianceNetwork> networks;
+  AlignedArray<float> weights;
+
+  const RadianceNetwork& network_of(int level) const {
+    const bool last = level + 1 == options.sampling.levels();
+    return last ? networks.back() : networks.front();
+  }
+  size_t parameters() const;  // without padding
+  // Floats that the weights of these options take, padding included.
+  static uint64_t weights_of(const NetworkOptions& options);
+
+  // Random weights, keyed by the seed; biases 0.
+  void initialise(uint64_t seed);
+};
+
+// Number of features of an encoded position and direction.
+int position_features(const NetworkOptions& options);
+int direction_features(const NetworkOptions& options);
+// Rows of a level's position input: 3 coordinates, or one along each off-axis direction.
+int position_rows(const NetworkOptions& options);
+
+// Directions of the off-axis encoding: the vertices of an icosahedron whose edges are halved, one
+// of each opposite pair (Barron et al. 2022, section 3; 21 unit vectors).
+std::span<const Vec3> off_axis_directions();
+
+// A level's network on a tape, with the values that a caller fills and reads.
+struct NetworkTape {
+  enum class Purpose {
+    kTrain,   // with losses
+    kRender,  // density, weights and pixel
+  };
+
+  Tape tape;
+  Value position = 0;    // in: [position_rows x samples], mean of a sample
+  Value variance = 0;    // in, integrated encodings: the same shape
+  Value directions = 0;  // in: [3 x rays], unit
+  Value delta = 0;       // in: [1 x samples]
+  Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
+  Value background = 0;  // in: [3 x rays]
+  Value target = 0, scale = 0;  // in, training: [3 x rays], [1 x rays]
+  Value weight_gradient = -1;   // in between the passes, training: [1 x samples]
+  Value density = 0;            // out: [1 x samples]
+  Value weights = 0;            // out: [1 x samples]
+  Value colour = -1;            // out: [3 x samples]
+  Value pixel = -1;             // out: [4 x rays]
+
+  struct Losses {
+    bool colour = true;       // whether the level's pixels are compared with the photos
+    float charbonnier = 0;    // its epsilon; 0: squared error
+    bool on_weights = false;  // whether the caller has gradients of the weights
+    bool density_noise = false;
+  };
+  NetworkTape(const NetworkField& field, int level, int rays, Purpose purpose,
+              const Losses& losses);
+  NetworkTape(const NetworkField& field, int level, int rays)
+      : NetworkTape(field, level, rays, Purpose::kRender, {}) {}
+
+  // Density and weights only.
+  void forward_weights(Chunk& chunk) const { tape.forward(chunk, 0, weight_operations_); }
+  void forward(Chunk& chunk) const { tape.forward(chunk); }
+
+ private:
+  size_t weight_operations_ = 0;
+};
+
+}  // namespace nerf

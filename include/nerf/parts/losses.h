@@ -1,0 +1,26 @@
+// Losses on the weights along one ray, with their gradients. Histograms: n bins between n + 1
+// sorted edges in normalised distance s in [0, 1], a weight each.
+#pragma once
+
+#include <span>
+
+namespace nerf {
+
+// Barron et al. 2022, equation 15: draws the weights of a ray together. Adds scale times the
+// gradient to d_weights and returns scale times the loss. O(n).
+double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
+                       std::span<float> d_weights);
+
+// Barron et al. 2022, equation 13: a proposal's weights must bound those of the final histogram
+// from above; the final ones pass no gradient. Adds scale times the gradient with respect to the
+// proposal's weights to d_proposal and returns scale times the loss, summed over the final bins.
+// O(n + m).
+double interlevel_loss(std::span<const float> edges, std::span<const float> weights,
+                       std::span<const float> proposal_edges,
+                       std::span<const float> proposal_weights, float scale,
+                       std::span<float> d_proposal);
+
+// Added to a weight that is divided by (multinerf's lossfun_outer: the float's epsilon).
+inline constexpr float kInterlevelEpsilon = 0x1p-23f;
+
+}  // namespace nerf

@@ -1,0 +1,54 @@
+// How a paper method's networks are trained.
+#pragma once
+
+#include "nerf/base/options.h"
+
+namespace nerf {
+
+struct NetworkRecipe {
+  int rays = 1024;         // of a step
+  bool one_photo = false;  // all rays of a step from one photo
+  int crop_steps = 0;      // first steps, whose pixels come from the middle of the photos
+  double crop = 0.5;       // of width and height
+  float coarse = 1;
+  float interlevel = 0;
+  float distortion = 0;
+  float charbonnier = 0;
+  float density_noise = 0;
+  double beta2 = 0.999;
+  double epsilon = 1e-7;
+  double clip = 0;
+  double warmup_rate = 1;
+  double near = 0, far = 0;
+  bool anneal = false;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("rays", rays, "pixels of a step", at_least(1), at_most(1 << 20));
+    v("one_photo", one_photo, "take all pixels of a step from one photo");
+    v("crop_steps", crop_steps, "first steps, whose pixels come from the middle of the photos",
+      at_least(0));
+    v("crop", crop, "how much of width and height the middle is", above(0), at_most(1));
+    v("coarse", coarse, "weight of the colour error of the levels before the last", at_least(0),
+      at_most(100));
+    v("interlevel", interlevel, "weight of the loss by which proposals bound the last level",
+      at_least(0), at_most(1000));
+    v("distortion", distortion, "weight of the loss that draws a ray's weights together",
+      at_least(0), at_most(1000));
+    v("charbonnier", charbonnier, "epsilon of the Charbonnier colour loss; 0: squared error",
+      at_least(0), at_most(1));
+    v("density_noise", density_noise, "standard deviation of noise on the raw density", at_least(0),
+      at_most(100));
+    v("beta2", beta2, "Adam's decay of the squared gradient", at_least(0), below(1));
+    v("epsilon", epsilon, "Adam's epsilon", above(0), at_most(1));
+    v("clip", clip, "largest norm of a network's gradient; 0: any", at_least(0));
+    v("warmup_rate", warmup_rate,
+      "share of the step size that the warm-up begins with, rising along a quarter sine", above(0),
+      at_most(1));
+    v("near", near, "first distance of samples, engine units; 0: from the scene", at_least(0));
+    v("far", far, "last distance of samples, engine units; 0: from the scene", at_least(0));
+    v("anneal", anneal, "raise weights that samples are drawn from to a power that grows to 1");
+  }
+};
+
+}  // namespace nerf

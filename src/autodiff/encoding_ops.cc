@@ -1,0 +1,186 @@
+// Encodings of positions and directions, and what spreads a ray's values over its samples.
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+#include "nerf/autodiff/operations.h"
+#include "nerf/base/error.h"
+#include "nerf/kernels/elementwise.h"
+#include "nerf/kernels/encoding.h"
+
+namespace nerf {
+namespace {
+
+// Rows of the features of coordinate i at frequency k.
+struct FeatureRows {
+  int sine, cosine;
+};
+
+// Both encodings: they differ in the order of their features, in identity and in the variance.
+class SineCosine : public Operation {
+ public:
+  SineCosine(std::vector<Value> inputs, Value y, int coordinates, std::vector<float> weights,
+             bool identity, bool sines_first)
+      : Operation(std::move(inputs), y),
+        coordinates_(coordinates),
+        weights_(std::move(weights)),
+        identity_(identity),
+        sines_first_(sines_first) {}
+  const char* name() const override { return "sine_cosine"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = c.count(output());
+    const float* x = c.data(inputs()[0]);
+    const float* variance = integrated() ? c.data(inputs()[1]) : nullptr;
+    float* y = c.data(output());
+    if (identity_)
+      for (int i = 0; i < coordinates_; ++i)
+        std::memcpy(y + i * ld, x + i * ld,
+                    static_cast<size_t>(round_up(n, kLane)) * sizeof(float));
+    each_feature([&](int i, int k, FeatureRows rows) {
+      sine_cosine_forward(n, x + i * ld, variance ? variance + i * ld : nullptr, frequency(k),
+                          weights_[static_cast<size_t>(k)], y + rows.sine * ld,
+                          y + rows.cosine * ld);
+    });
+  }
+
+  void backward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = c.count(output());
+    const float* y = c.data(output());
+    const float* dy = c.gradient(output());
+    const bool of_variance = integrated() && c.tape->needs_gradient(inputs()[1]);
+    float* d_variance = of_variance ? cleared(c, 1) : nullptr;
+    // The variance may be trained where the mean is not; the kernel gives both.
+    float* dx = c.tape->needs_gradient(inputs()[0]) ? cleared(c, 0)
+                                                    : c.arena.data() + c.tape->scratch_offset();
+    if (identity_)
+      for (int i = 0; i < coordinates_; ++i) add_to(n, dy + i * ld, dx + i * ld);
+    each_feature([&](int i, int k, FeatureRows rows) {
+      sine_cosine_backward(n, y + rows.sine * ld, y + rows.cosine * ld, dy + rows.sine * ld,
+                           dy + rows.cosine * ld, frequency(k), dx + i * ld,
+                           d_variance ? d_variance + i * ld : nullptr);
+    });
+  }
+
+ private:
+  bool integrated() const { return inputs().size() == 2; }
+  static float frequency(int k) { return std::ldexp(1.0f, k); }
+
+  float* cleared(Chunk& c, size_t input) const {
+    float* gradient = c.gradient(inputs()[input]);
+    if (overwrites(input))
+      for (int i = 0; i < coordinates_; ++i)
+        std::fill_n(gradient + i * c.stride(output()), round_up(c.count(output()), kLane), 0.0f);
+    return gradient;
+  }
+
+  template <class F>
+  void each_feature(const F& f) const {
+    const int frequencies = static_cast<int>(weights_.size());
+    const int first = identity_ ? coordinates_ : 0;
+    for (int k = 0; k < frequencies; ++k)
+      for (int i = 0; i < coordinates_; ++i) {
+        if (sines_first_)
+          f(i, k, {first + k * coordinates_ + i, first + (frequencies + k) * coordinates_ + i});
+        else
+          f(i, k, {first + 2 * k * coordinates_ + i, first + (2 * k + 1) * coordinates_ + i});
+      }
+  }
+
+  int coordinates_;
+  std::vector<float> weights_;
+  bool identity_, sines_first_;
+};
+
+class ViewCode : public Operation {
+ public:
+  ViewCode(Value directions, Value y) : Operation({directions}, y) {}
+  const char* name() const override { return "view_code"; }
+
+  void forward(Chunk& c) const override {
+    const float* d = c.data(inputs()[0]);
+    const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
+    float* y = c.data(output());
+    for (int r = 0; r < c.rays; ++r) {
+      float code[kSphericalHarmonics];
+      spherical_harmonics(d[r], d[lr + r], d[2 * lr + r], code);
+      for (int k = 0; k < kSphericalHarmonics; ++k)
+        std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], code[k]);
+    }
+  }
+  void backward(Chunk&) const override {}  // directions are not trained
+};
+
+class RepeatForSamples : public Operation {
+ public:
+  RepeatForSamples(Value x, Value y) : Operation({x}, y) {}
+  const char* name() const override { return "repeat_for_samples"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
+    const float* x = c.data(inputs()[0]);
+    float* y = c.data(output());
+    for (int k = 0; k < c.tape->rows(output()); ++k) {
+      for (int r = 0; r < c.rays; ++r)
+        std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], x[k * lr + r]);
+      std::fill(y + k * ls + c.samples, y + k * ls + round_up(c.samples, kLane), 0.0f);
+    }
+  }
+  void backward(Chunk& c) const override {
+    const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
+    const float* dy = c.gradient(output());
+    float* dx = c.gradient(inputs()[0]);
+    for (int k = 0; k < c.tape->rows(output()); ++k) {
+      for (int r = 0; r < c.rays; ++r) {
+        float sum = overwrites(0) ? 0.0f : dx[k * lr + r];
+        for (int s = c.ray_begin[r]; s < c.ray_begin[r + 1]; ++s) sum += dy[k * ls + s];
+        dx[k * lr + r] = sum;
+      }
+      if (overwrites(0))
+        std::fill(dx + k * lr + c.rays, dx + k * lr + round_up(c.rays, kLane), 0.0f);
+    }
+  }
+};
+
+}  // namespace
+
+Value frequency_encoding(Tape& tape, Value x, std::span<const float> weights, bool identity) {
+  const int d = tape.rows(x), frequencies = static_cast<int>(weights.size());
+  const Value y = tape.output((identity ? d : 0) + 2 * d * frequencies, tape.domain(x), {&x, 1});
+  tape.record(std::make_unique<SineCosine>(std::vector<Value>{x}, y, d,
+                                           std::vector<float>(weights.begin(), weights.end()),
+                                           identity, /*sines_first=*/false));
+  return y;
+}
+
+Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees) {
+  const int d = tape.rows(mean);
+  NERF_CHECK_EQ(tape.rows(variance), d);
+  NERF_CHECK(tape.domain(mean) == tape.domain(variance));
+  const Value from[] = {mean, variance};
+  const Value y = tape.output(2 * d * degrees, tape.domain(mean), from);
+  tape.need_scratch(static_cast<size_t>(d) * static_cast<size_t>(tape.capacity(tape.domain(mean))));
+  tape.record(std::make_unique<SineCosine>(std::vector<Value>{mean, variance}, y, d,
+                                           std::vector<float>(static_cast<size_t>(degrees), 1.0f),
+                                           /*identity=*/false,
+                                           /*sines_first=*/true));
+  return y;
+}
+
+Value repeat_for_samples(Tape& tape, Value x) {
+  NERF_CHECK(tape.domain(x) == Domain::kRays);
+  const Value y = tape.output(tape.rows(x), Domain::kSamples, {&x, 1});
+  tape.record(std::make_unique<RepeatForSamples>(x, y));
+  return y;
+}
+
+Value view_code(Tape& tape, Value directions) {
+  NERF_CHECK_EQ(tape.rows(directions), 3);
+  NERF_CHECK(!tape.needs_gradient(directions));
+  const Value y = tape.output(kSphericalHarmonics, Domain::kSamples, {&directions, 1});
+  tape.record(std::make_unique<ViewCode>(directions, y));
+  return y;
+}
+
+}  // namespace nerf

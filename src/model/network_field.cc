@@ -1,0 +1,251 @@
+#include "nerf/model/network_field.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "nerf/base/error.h"
+#include "nerf/kernels/simd.h"
+#include "nerf/math/random.h"
+
+namespace nerf {
+
+namespace {
+
+// Layers of one network, one behind the other in the field's weights.
+class Placement {
+ public:
+  explicit Placement(size_t begin) : at_(begin) {}
+  LinearWeights layer(int in, int out) {
+    const LinearWeights w{at_, in, out, /*bias=*/true};
+    at_ += w.size();
+    return w;
+  }
+  size_t at() const { return at_; }
+
+ private:
+  size_t at_;
+};
+
+// Whether the input is concatenated behind layer i: every skip-th, but not behind the last, where
+// nothing would read it.
+bool skip_behind(int i, int skip, int depth) {
+  return skip > 0 && i > 0 && i % skip == 0 && i + 1 < depth;
+}
+
+RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, bool colour,
+                              size_t begin) {
+  RadianceNetwork n;
+  Placement place(begin);
+  n.begin = begin;
+  const int in = position_features(o);
+  int from = in;
+  for (int i = 0; i < depth; ++i) {
+    n.trunk.push_back(place.layer(from, width));
+    from = width + (skip_behind(i, o.skip, depth) ? in : 0);
+  }
+  n.density = place.layer(width, 1);
+  n.has_colour = colour;
+  if (colour && o.view_dependence) {
+    n.bottleneck = place.layer(width, o.bottleneck);
+    n.view = place.layer(o.bottleneck + direction_features(o), o.view_width);
+    n.colour = place.layer(o.view_width, 3);
+  } else if (colour) {
+    n.colour = place.layer(width, 3);
+  }
+  n.end = place.at();
+  return n;
+}
+
+template <class F>
+void each_layer(const RadianceNetwork& n, const F& f) {
+  for (const LinearWeights& w : n.trunk) f(w);
+  for (const LinearWeights* w : {&n.density, &n.bottleneck, &n.view, &n.colour})
+    if (w->out > 0) f(*w);
+}
+
+void uniform_weights(const LinearWeights& w, Initialisation kind, Random random, float* weights) {
+  const float fan = static_cast<float>(kind == Initialisation::kHe ? w.in : w.in + w.out);
+  const float bound = std::sqrt(6.0f / fan);
+  for (int j = 0; j < w.out; ++j)
+    for (int k = 0; k < w.in; ++k)
+      weights[w.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(w.in)) +
+              static_cast<size_t>(k)] = bound * (2 * random.uniform() - 1);
+}
+
+std::vector<Vec3> halved_icosahedron() {
+  const double g = (1 + std::sqrt(5.0)) / 2;
+  std::vector<Vec3d> vertices;
+  for (int axis = 0; axis < 3; ++axis)
+    for (double a : {-1.0, 1.0})
+      for (double b : {-g, g}) {
+        Vec3d v;
+        v[axis] = 0;
+        v[(axis + 1) % 3] = a;
+        v[(axis + 2) % 3] = b;
+        vertices.push_back(normalized(v));
+      }
+  std::vector<Vec3d> all = vertices;
+  // The edge of an icosahedron with unit radius is 4 / sqrt(10 + 2 sqrt 5) long; no other two
+  // vertices are as near.
+  const double edge = 4 / std::sqrt(10 + 2 * std::sqrt(5.0));
+  for (size_t i = 0; i < vertices.size(); ++i)
+    for (size_t j = 0; j < i; ++j)
+      if (length(vertices[i] - vertices[j]) < 1.01 * edge)
+        all.push_back(normalized(vertices[i] + vertices[j]));
+  std::vector<Vec3> half;
+  std::vector<Vec3d> kept;
+  for (const Vec3d& v : all)
+    if (std::ranges::none_of(kept, [&](const Vec3d& u) { return length(u + v) < 1e-6; })) {
+      kept.push_back(v);
+      half.push_back(v.cast<float>());
+    }
+  return half;
+}
+
+}  // namespace
+
+std::span<const Vec3> off_axis_directions() {
+  static const std::vector<Vec3> directions = halved_icosahedron();
+  return directions;
+}
+
+int position_rows(const NetworkOptions& o) {
+  return o.encoding == Encoding::kOffAxis ? static_cast<int>(off_axis_directions().size()) : 3;
+}
+
+int position_features(const NetworkOptions& o) {
+  return 2 * o.position_degrees * position_rows(o) + (o.integrated() ? 0 : 3);
+}
+
+int direction_features(const NetworkOptions& o) { return 3 + 6 * o.direction_degrees; }
+
+size_t RadianceNetwork::parameters() const {
+  size_t sum = 0;
+  each_layer(*this, [&](const LinearWeights& w) { sum += w.parameters(); });
+  return sum;
+}
+
+void NetworkOptions::check_options() const {
+  if (integrated() && position_degrees == 0)
+    throw Error("an integrated encoding needs at least one frequency", "--network-position-degrees",
+                "give 1 or more");
+  if (cast == Cast::kCone && sampling.resampling == Resampling::kCoarseFine)
+    throw Error("cones need intervals, which coarse+fine resampling does not have",
+                "--network-cast", "take blurred or proposal resampling, or points");
+  if (sampling.resampling == Resampling::kCoarseFine && sampling.rounds > 0 && sampling.coarse < 4)
+    throw Error("coarse+fine resampling needs at least 4 coarse samples",
+                "--network-sampling-coarse", "give 4 or more");
+  if (!proposal_colour && shared && sampling.rounds > 0)
+    throw Error("a network that all levels share has colours at every level", "--network-shared",
+                "leave it out, or --network-proposal-colour on");
+}
+
+namespace {
+
+std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
+  std::vector<RadianceNetwork> networks;
+  size_t at = 0;
+  if (o.sampling.rounds > 0 && !o.shared) {
+    networks.push_back(place_network(o, o.proposal_depth, o.proposal_width, o.proposal_colour, at));
+    at = networks.back().end;
+  }
+  networks.push_back(place_network(o, o.depth, o.width, /*colour=*/true, at));
+  return networks;
+}
+
+}  // namespace
+
+NetworkField::NetworkField(const NetworkOptions& o, double n, double f)
+    : options(o), near(n), far(f), networks(place_networks(o)) {
+  simd_target();  // chosen, or found missing, before any kernel runs
+  weights = AlignedArray<float>(networks.back().end);
+}
+
+uint64_t NetworkField::weights_of(const NetworkOptions& options) {
+  return place_networks(options).back().end;
+}
+
+size_t NetworkField::parameters() const {
+  size_t sum = 0;
+  for (const RadianceNetwork& n : networks) sum += n.parameters();
+  return sum;
+}
+
+void NetworkField::initialise(uint64_t seed) {
+  constexpr uint64_t kNetworkStream = (uint64_t{1} << 63) + 1;  // as GridField's
+  std::fill(weights.begin(), weights.end(), 0.0f);
+  uint64_t layer = 0;
+  for (const RadianceNetwork& n : networks)
+    each_layer(n, [&](const LinearWeights& w) {
+      uniform_weights(w, options.initialisation, Random(seed, kNetworkStream, layer++),
+                      weights.data());
+    });
+}
+
+NetworkTape::NetworkTape(const NetworkField& field, int level, int rays, Purpose purpose,
+                         const Losses& losses)
+    : tape(rays * IntervalSampler(field.options.sampling, field.near, field.far).samples(level),
+           rays) {
+  const NetworkOptions& o = field.options;
+  const RadianceNetwork& n = field.network_of(level);
+  position = tape.input(position_rows(o), Domain::kSamples);
+  if (o.integrated()) variance = tape.input(position_rows(o), Domain::kSamples);
+  directions = tape.input(3, Domain::kRays);
+  delta = tape.input(1, Domain::kSamples);
+  background = tape.input(3, Domain::kRays);
+
+  const std::vector<float> open(static_cast<size_t>(o.position_degrees), 1.0f);
+  const Value code = o.integrated()
+                         ? integrated_encoding(tape, position, variance, o.position_degrees)
+                         : frequency_encoding(tape, position, open, /*identity=*/true);
+  Value h = code;
+  const int depth = static_cast<int>(n.trunk.size());
+  for (int i = 0; i < depth; ++i) {
+    h = linear(tape, h, n.trunk[static_cast<size_t>(i)], LinearActivation::kRelu);
+    if (skip_behind(i, o.skip, depth)) h = concat(tape, code, h);
+  }
+  Value raw = linear(tape, h, n.density, LinearActivation::kNone);
+  if (losses.density_noise) {
+    noise = tape.input(1, Domain::kSamples);
+    raw = add(tape, raw, noise);
+  }
+  if (o.density == DensityActivation::kSoftplus)
+    density = softplus(tape, raw, o.density_bias);
+  else
+    density = relu(tape, o.density_bias == 0 ? raw : scale_shift(tape, raw, 1, o.density_bias));
+  weights = render_weights(tape, density, delta, o.opaque_end);
+  weight_operations_ = tape.operations();
+
+  if (n.has_colour && (purpose == Purpose::kRender || losses.colour)) {
+    Value seen = h;
+    if (o.view_dependence) {
+      const std::vector<float> all(static_cast<size_t>(o.direction_degrees), 1.0f);
+      const Value view = frequency_encoding(tape, directions, all, /*identity=*/true);
+      seen = linear(tape, h, n.bottleneck, LinearActivation::kNone);
+      seen = linear(tape, concat(tape, seen, repeat_for_samples(tape, view)), n.view,
+                    LinearActivation::kRelu);
+    }
+    colour = sigmoid(tape, linear(tape, seen, n.colour, LinearActivation::kNone));
+    if (o.colour_padding > 0)
+      colour = scale_shift(tape, colour, 1 + 2 * o.colour_padding, -o.colour_padding);
+    pixel = accumulate(tape, weights, colour, background);
+  }
+  if (purpose == Purpose::kTrain) {
+    if (pixel >= 0) {
+      target = tape.input(3, Domain::kRays);
+      scale = tape.input(1, Domain::kRays);
+      if (losses.charbonnier > 0)
+        charbonnier_loss(tape, pixel, target, scale, losses.charbonnier);
+      else
+        squared_loss(tape, pixel, target, scale);
+    }
+    if (losses.on_weights) {
+      weight_gradient = tape.input(1, Domain::kSamples);
+      add_gradient(tape, weights, weight_gradient);
+    }
+  }
+  tape.plan();
+}
+
+}  // namespace nerf

@@ -1,0 +1,239 @@
+#include "nerf/model/network_levels.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "nerf/base/error.h"
+#include "nerf/math/contraction.h"
+#include "nerf/math/frustum.h"
+#include "nerf/parts/losses.h"
+
+namespace nerf {
+
+namespace {
+
+constexpr std::array<Vec3, 3> kAxes{Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
+constexpr float kEndlessInterval = 1e10f;  // NeRF's last interval
+
+// Two independent normal numbers would come of two draws (Box and Muller); one is enough here.
+float normal(Random& random) {
+  const float u = 1 - random.uniform(), v = random.uniform();  // u in (0, 1]
+  return std::sqrt(-2 * std::log(u)) * std::cos(6.28318531f * v);
+}
+
+}  // namespace
+
+int NetworkLevels::rays_per_chunk(const NetworkField& field) {
+  constexpr int kSamples = 512;  // activations of a layer stay in the second-level cache
+  const IntervalSampler sampler(field.options.sampling, field.near, field.far);
+  return std::max(1, kSamples / sampler.most_posts());
+}
+
+NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
+                             const NetworkLosses& losses)
+    : field_(field),
+      training_(training),
+      losses_(losses),
+      sampler_(field.options.sampling, field.near, field.far),
+      axes_(field.options.encoding == Encoding::kOffAxis ? off_axis_directions()
+                                                         : std::span<const Vec3>(kAxes)) {
+  for (int l = 0; l < sampler_.levels(); ++l) {
+    const bool last = l + 1 == sampler_.levels();
+    NetworkTape::Losses of_level;
+    of_level.colour = last || losses.coarse > 0;
+    of_level.charbonnier = losses.charbonnier;
+    of_level.on_weights = last ? losses.distortion > 0 : losses.interlevel > 0;
+    of_level.density_noise = training && losses.density_noise > 0;
+    levels_.push_back(std::make_unique<Level>(field, l, rays, training, of_level));
+    levels_.back()->posts.resize(static_cast<size_t>(rays * sampler_.posts(l)));
+    levels_.back()->chunk.weights = field.weights.data();
+    for (int r = 0; r <= rays; ++r) levels_.back()->ray_begin.push_back(r * sampler_.samples(l));
+  }
+}
+
+// The Gaussian around [t0, t1] of the ray (or its middle, a point), warped and projected on the
+// encoding's axes: with J the warp's Jacobian and q = J p the variance along p is
+// t_var (d . q)^2 + r_var (|q|^2 - (d . q)^2).
+void NetworkLevels::place_sample(const NetworkRay& ray, float t0, float t1, int column,
+                                 Level& level) {
+  const NetworkOptions& o = field_.options;
+  const bool cone = o.cast == Cast::kCone;
+  const RayGaussian<float> g =
+      cone ? cone_gaussian(t0, t1, ray.radius) : RayGaussian<float>{0.5f * (t0 + t1), 0, 0};
+  const Vec3 mean = ray.origin + ray.direction * g.t_mean;
+  const bool warped = o.space == Space::kContract;
+  const Vec3 at = warped ? contract(mean) : mean;
+  const int64_t ld = level.chunk.stride(level.tape.position);
+  float* position = level.chunk.data(level.tape.position) + column;
+  if (!o.integrated()) {
+    for (int k = 0; k < 3; ++k) position[k * ld] = at[k];
+    return;
+  }
+  float* variance = level.chunk.data(level.tape.variance) + column;
+  const auto jacobian =
+      warped ? contraction_jacobian(mean) : ContractionJacobian<float>{1, 0, mean};
+  for (size_t k = 0; k < axes_.size(); ++k) {
+    const Vec3 q = jacobian(axes_[k]);
+    const float along = dot(ray.direction, q);
+    const float across = std::max(0.0f, dot(q, q) - along * along);
+    position[static_cast<int64_t>(k) * ld] = dot(axes_[k], at);
+    variance[static_cast<int64_t>(k) * ld] = g.t_variance * along * along + g.r_variance * across;
+  }
+}
+
+void NetworkLevels::place_samples(Level& level, int samples) {
+  const size_t posts = static_cast<size_t>(samples) + (sampler_.intervals() ? 1 : 0);
+  Chunk& c = level.chunk;
+  c.rays = static_cast<int>(rays_.size());
+  c.samples = c.rays * samples;
+  c.ray_begin = level.ray_begin.data();
+  float* delta = c.data(level.tape.delta);
+  const int64_t lr = c.stride(level.tape.directions);
+  for (int r = 0; r < c.rays; ++r) {
+    NetworkRay& ray = rays_[static_cast<size_t>(r)];
+    for (int k = 0; k < 3; ++k) {
+      c.data(level.tape.directions)[k * lr + r] = ray.direction[k];
+      c.data(level.tape.background)[k * lr + r] = ray.background[k];
+    }
+    if (training_ && level.tape.pixel >= 0) {
+      const bool last = &level == levels_.back().get();
+      for (int k = 0; k < 3; ++k) c.data(level.tape.target)[k * lr + r] = ray.target[k];
+      c.data(level.tape.scale)[r] = ray.scale * (last ? 1.0f : losses_.coarse);
+    }
+    const float* entry = level.posts.data() + static_cast<size_t>(r) * posts;
+    float t0 = sampler_.distance(entry[0]);
+    for (int i = 0; i < samples; ++i) {
+      const int column = r * samples + i;
+      if (sampler_.intervals()) {
+        const float t1 = sampler_.distance(entry[i + 1]);
+        place_sample(ray, t0, t1, column, level);
+        delta[column] = t1 - t0;
+        t0 = t1;
+      } else {
+        place_sample(ray, entry[i], entry[i], column, level);
+        delta[column] = i + 1 < samples ? entry[i + 1] - entry[i] : kEndlessInterval;
+      }
+      if (level.tape.noise >= 0)
+        c.data(level.tape.noise)[column] = losses_.density_noise * normal(ray.random);
+    }
+  }
+}
+
+void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent) {
+  rays_ = rays;
+  for (size_t l = 0; l < levels_.size(); ++l) {
+    Level& level = *levels_[l];
+    const int at = static_cast<int>(l);
+    const size_t posts = static_cast<size_t>(sampler_.posts(at));
+    for (size_t r = 0; r < rays.size(); ++r) {
+      Random* random = training_ ? &rays[r].random : nullptr;
+      const std::span<float> out(level.posts.data() + r * posts, posts);
+      if (l == 0)
+        sampler_.first(random, out);
+      else
+        sampler_.next(at, this->posts(at - 1, static_cast<int>(r)),
+                      weights(at - 1, static_cast<int>(r)), exponent, random, out);
+    }
+    place_samples(level, sampler_.samples(at));
+    level.chunk.loss = 0;
+    // A picture needs the last level's colours only.
+    if (training_ || l + 1 == levels_.size())
+      level.tape.forward(level.chunk);
+    else
+      level.tape.forward_weights(level.chunk);
+  }
+}
+
+double NetworkLevels::losses_on_weights(size_t l) {
+  Level& level = *levels_[l];
+  if (level.tape.weight_gradient < 0) return 0;
+  const bool last = l + 1 == levels_.size();
+  const size_t n = static_cast<size_t>(samples(static_cast<int>(l)));
+  float* gradient = level.chunk.data(level.tape.weight_gradient);
+  std::fill_n(gradient, rays_.size() * n, 0.0f);
+  const auto normalised = [&](int of_level, int ray, std::vector<float>& edges) {
+    edges.clear();
+    for (const float e : posts(of_level, ray)) edges.push_back(sampler_.normalised(e));
+    // Positions have no posts: their bins begin at them, as delta does, and the last ends at 1.
+    if (!sampler_.intervals()) edges.push_back(1);
+  };
+  std::vector<float> edges, final_edges;
+  double loss = 0;
+  const int final_level = levels() - 1;
+  for (size_t r = 0; r < rays_.size(); ++r) {
+    const int ray = static_cast<int>(r);
+    const std::span<float> out(gradient + r * n, n);
+    normalised(static_cast<int>(l), ray, edges);
+    // A ray's scale is that of a mean over rays and three channels.
+    const float per_ray = 3 * rays_[r].scale;
+    if (last) {
+      loss += distortion_loss(edges, weights(static_cast<int>(l), ray),
+                              losses_.distortion * per_ray, out);
+    } else {
+      normalised(final_level, ray, final_edges);
+      const float share = 1 / static_cast<float>(samples(final_level));
+      loss += interlevel_loss(final_edges, weights(final_level, ray), edges,
+                              weights(static_cast<int>(l), ray),
+                              losses_.interlevel * per_ray * share, out);
+    }
+  }
+  return loss;
+}
+
+double NetworkLevels::backward(float* weight_gradient) {
+  NERF_CHECK(training_);
+  double loss = 0;
+  for (size_t l = 0; l < levels_.size(); ++l) {
+    Level& level = *levels_[l];
+    if (level.tape.pixel < 0 && level.tape.weight_gradient < 0) continue;  // learns nothing
+    level.chunk.weight_gradient = weight_gradient;
+    loss += losses_on_weights(l) + level.chunk.loss;
+    level.tape.tape.backward(level.chunk);
+  }
+  return loss;
+}
+
+uint64_t NetworkLevels::arena_bytes() const {
+  uint64_t sum = 0;
+  for (const auto& level : levels_) sum += level->tape.tape.arena_floats() * sizeof(float);
+  return sum;
+}
+
+void NetworkLevels::pixel(int ray, float rgb[3], float& opacity) const {
+  const Level& last = *levels_.back();
+  const int64_t lr = last.chunk.stride(last.tape.pixel);
+  const float* pixel = last.chunk.data(last.tape.pixel) + ray;
+  for (int k = 0; k < 3; ++k) rgb[k] = pixel[k * lr];
+  opacity = pixel[3 * lr];
+}
+
+std::span<const float> NetworkLevels::weights(int level, int ray) const {
+  const Level& l = *levels_[static_cast<size_t>(level)];
+  const size_t n = static_cast<size_t>(samples(level));
+  return {l.chunk.data(l.tape.weights) + static_cast<size_t>(ray) * n, n};
+}
+
+std::span<const float> NetworkLevels::posts(int level, int ray) const {
+  const size_t n = static_cast<size_t>(sampler_.posts(level));
+  return {levels_[static_cast<size_t>(level)]->posts.data() + static_cast<size_t>(ray) * n, n};
+}
+
+float NetworkLevels::median_distance(int ray) const {
+  const int last = levels() - 1;
+  const auto w = weights(last, ray);
+  const auto entries = posts(last, ray);
+  double sum = 0;
+  for (size_t i = 0; i < w.size(); ++i) {
+    const double before = sum;
+    sum += static_cast<double>(w[i]);
+    if (sum < 0.5) continue;
+    const float t0 = sampler_.distance(entries[i]);
+    if (!sampler_.intervals()) return t0;
+    const float share = static_cast<float>((0.5 - before) / static_cast<double>(w[i]));
+    return t0 + share * (sampler_.distance(entries[i + 1]) - t0);
+  }
+  return -1;
+}
+
+}  // namespace nerf

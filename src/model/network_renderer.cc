@@ -1,0 +1,148 @@
+#include "model/network_renderer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "nerf/base/error.h"
+#include "nerf/math/contraction.h"
+#include "nerf/model/network_levels.h"
+
+namespace nerf::internal {
+
+namespace {
+
+// What is seen where a model of opaque photos lets light through: it was trained before black.
+Vec3 background_of(const ModelInfo& info, const RenderOptions& options) {
+  return info.alpha ? options.background : Vec3{0, 0, 0};
+}
+
+}  // namespace
+
+Frame render_network(const NetworkField& field, const ModelInfo& info, const Camera& camera,
+                     const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+                     const std::function<void(double)>& progress, const Cancel* cancel) {
+  NERF_CHECK(camera.width > 0 && camera.height > 0);
+  const Pose pose = info.to_engine.apply(camera_to_world);
+  const Vec3 background = background_of(info, options);
+  const int64_t pixels = int64_t{camera.width} * camera.height;
+  Frame frame{camera.width, camera.height, std::vector<float>(static_cast<size_t>(3 * pixels)),
+              std::vector<float>(static_cast<size_t>(pixels)),
+              std::vector<float>(static_cast<size_t>(pixels))};
+  const int per_chunk = NetworkLevels::rays_per_chunk(field);
+  std::vector<std::unique_ptr<NetworkLevels>> levels(static_cast<size_t>(pool.size()));
+  std::mutex mutex;
+  int64_t done = 0;
+  const int64_t chunks = (pixels + per_chunk - 1) / per_chunk;
+  constexpr int64_t kChunksPerItem = 16;
+  const int64_t items = (chunks + kChunksPerItem - 1) / kChunksPerItem;
+  pool.parallel_for_thread(items, [&](int64_t item, int thread) {
+    if (cancel && cancel->requested()) throw Cancelled();
+    auto& own = levels[static_cast<size_t>(thread)];
+    if (!own) own = std::make_unique<NetworkLevels>(field, per_chunk);
+    std::vector<NetworkRay> rays;
+    std::vector<int64_t> pixel_of;
+    std::vector<float> forward;  // cosine between ray and optical axis
+    for (int64_t chunk = item * kChunksPerItem;
+         chunk < std::min(chunks, (item + 1) * kChunksPerItem); ++chunk) {
+      rays.clear();
+      pixel_of.clear();
+      forward.clear();
+      for (int64_t p = chunk * per_chunk; p < std::min(pixels, (chunk + 1) * per_chunk); ++p) {
+        const Vec2d at{static_cast<double>(p % camera.width) + 0.5,
+                       static_cast<double>(p / camera.width) + 0.5};
+        const auto direction = unproject(camera, at);
+        for (int k = 0; k < 3; ++k) frame.rgb[static_cast<size_t>(3 * p + k)] = background[k];
+        if (!direction) continue;
+        const Vec3d in_camera = normalized(*direction);
+        NetworkRay ray;
+        ray.origin = pose.translation.cast<float>();
+        ray.direction = (pose.rotation * in_camera).cast<float>();
+        ray.radius = static_cast<float>(pixel_cone_radius(camera, at));
+        ray.background = background;
+        rays.push_back(ray);
+        pixel_of.push_back(p);
+        forward.push_back(static_cast<float>(in_camera.z));
+      }
+      if (rays.empty()) continue;
+      own->forward(rays, 1);
+      for (size_t r = 0; r < rays.size(); ++r) {
+        const size_t p = static_cast<size_t>(pixel_of[r]);
+        own->pixel(static_cast<int>(r), &frame.rgb[3 * p], frame.alpha[p]);
+        for (size_t k = 0; k < 3; ++k)
+          frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0f, 1.0f);
+        const float distance = own->median_distance(static_cast<int>(r));
+        frame.depth_z[p] = distance < 0 ? 0.0f
+                                        : static_cast<float>(static_cast<double>(distance) *
+                                                             static_cast<double>(forward[r]) /
+                                                             info.to_engine.scale);
+      }
+    }
+    if (progress) {
+      std::lock_guard lock(mutex);
+      progress(static_cast<double>(++done) / static_cast<double>(items));
+    }
+  });
+  return frame;
+}
+
+void query_network(const NetworkField& field, const Similarity& to_engine,
+                   std::span<const Vec3d> points, std::span<const Vec3d> directions,
+                   std::span<float> density, std::span<float> rgb, ThreadPool& pool) {
+  const NetworkOptions& o = field.options;
+  const int last = o.sampling.levels() - 1;
+  const IntervalSampler sampler(o.sampling, field.near, field.far);
+  // One sample on each of many rays, on a tape that is made for many on each of a few.
+  const int block = sampler.samples(last);
+  const auto axes =
+      o.encoding == Encoding::kOffAxis ? off_axis_directions() : std::span<const Vec3>();
+  struct Worker {
+    Worker(const NetworkField& f, int level, int rays) : tape(f, level, rays), chunk(tape.tape) {}
+    NetworkTape tape;
+    Chunk chunk;
+  };
+  std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool.size()));
+  const int64_t n = static_cast<int64_t>(points.size());
+  pool.parallel_for_thread((n + block - 1) / block, [&](int64_t item, int thread) {
+    auto& own = workers[static_cast<size_t>(thread)];
+    if (!own) own = std::make_unique<Worker>(field, last, block);
+    Chunk& c = own->chunk;
+    c.weights = field.weights.data();
+    const int64_t begin = item * block;
+    const int count = static_cast<int>(std::min<int64_t>(block, n - begin));
+    std::vector<int32_t> ray_begin(static_cast<size_t>(count) + 1);
+    const int64_t ld = c.stride(own->tape.position), lr = c.stride(own->tape.directions);
+    for (int i = 0; i < count; ++i) {
+      const size_t at = static_cast<size_t>(begin + i);
+      ray_begin[static_cast<size_t>(i)] = i;
+      Vec3 p = to_engine.apply(points[at]).cast<float>();
+      if (o.space == Space::kContract) p = contract(p);
+      const Vec3 d = (to_engine.rotation * normalized(directions[at])).cast<float>();
+      for (int k = 0; k < 3; ++k) c.data(own->tape.directions)[k * lr + i] = d[k];
+      for (int k = 0; k < position_rows(o); ++k) {
+        c.data(own->tape.position)[k * ld + i] =
+            axes.empty() ? p[k] : dot(axes[static_cast<size_t>(k)], p);
+        if (o.integrated()) c.data(own->tape.variance)[k * ld + i] = 0;
+      }
+      c.data(own->tape.delta)[i] = 1;
+      for (int k = 0; k < 3; ++k) c.data(own->tape.background)[k * lr + i] = 0;
+    }
+    ray_begin[static_cast<size_t>(count)] = count;
+    c.samples = c.rays = count;
+    c.ray_begin = ray_begin.data();
+    own->tape.forward(c);
+    const float* sigma = c.data(own->tape.density);
+    const float* colour = c.data(own->tape.colour);
+    const int64_t lc = c.stride(own->tape.colour);
+    for (int i = 0; i < count; ++i) {
+      const size_t to = static_cast<size_t>(begin + i);
+      density[to] = static_cast<float>(static_cast<double>(sigma[i]) * to_engine.scale);
+      for (int64_t k = 0; k < 3; ++k)
+        rgb[3 * to + static_cast<size_t>(k)] = std::clamp(colour[k * lc + i], 0.0f, 1.0f);
+    }
+  });
+}
+
+}  // namespace nerf::internal

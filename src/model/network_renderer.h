@@ -1,0 +1,23 @@
+// Pictures and queries of the paper methods; renderer.h and radiance_field.h say what they give.
+#pragma once
+
+#include <functional>
+#include <span>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/threads.h"
+#include "nerf/model/model_info.h"
+#include "nerf/model/network_field.h"
+#include "nerf/model/renderer.h"
+
+namespace nerf::internal {
+
+Frame render_network(const NetworkField& field, const ModelInfo& info, const Camera& camera,
+                     const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+                     const std::function<void(double)>& progress, const Cancel* cancel);
+
+void query_network(const NetworkField& field, const Similarity& to_engine,
+                   std::span<const Vec3d> points, std::span<const Vec3d> directions,
+                   std::span<float> density, std::span<float> rgb, ThreadPool& pool);
+
+}  // namespace nerf::internal

@@ -1,0 +1,64 @@
+#include "nerf/parts/losses.h"
+
+#include <algorithm>
+#include <cstddef>
+
+#include "nerf/base/error.h"
+
+namespace nerf {
+
+double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
+                       std::span<float> d_weights) {
+  NERF_CHECK_EQ(edges.size(), weights.size() + 1);
+  NERF_CHECK_EQ(d_weights.size(), weights.size());
+  double all = 0, all_moment = 0;
+  const auto middle = [&](size_t i) {
+    return 0.5 * (static_cast<double>(edges[i]) + static_cast<double>(edges[i + 1]));
+  };
+  for (size_t i = 0; i < weights.size(); ++i) {
+    all += static_cast<double>(weights[i]);
+    all_moment += static_cast<double>(weights[i]) * middle(i);
+  }
+  double loss = 0, before = 0, moment_before = 0;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    const double w = weights[i], m = middle(i);
+    const double width = static_cast<double>(edges[i + 1]) - static_cast<double>(edges[i]);
+    const double behind = all - before - w, moment_behind = all_moment - moment_before - w * m;
+    loss += 2 * w * (m * before - moment_before) + w * w * width / 3;
+    const double slope =
+        2 * (m * (before - behind) - (moment_before - moment_behind)) + 2 * w * width / 3;
+    d_weights[i] += scale * static_cast<float>(slope);
+    before += w;
+    moment_before += w * m;
+  }
+  return static_cast<double>(scale) * loss;
+}
+
+double interlevel_loss(std::span<const float> edges, std::span<const float> weights,
+                       std::span<const float> proposal_edges,
+                       std::span<const float> proposal_weights, float scale,
+                       std::span<float> d_proposal) {
+  NERF_CHECK_EQ(edges.size(), weights.size() + 1);
+  NERF_CHECK_EQ(proposal_edges.size(), proposal_weights.size() + 1);
+  NERF_CHECK_EQ(d_proposal.size(), proposal_weights.size());
+  const size_t m = proposal_weights.size();
+  // Proposal bins that overlap bin i: [first, last). Both move forward only.
+  size_t first = 0, last = 0;
+  double loss = 0;
+  double bound = 0;  // of [first, last)
+  for (size_t i = 0; i < weights.size(); ++i) {
+    while (last < m && proposal_edges[last] <= edges[i + 1])
+      bound += static_cast<double>(proposal_weights[last++]);
+    while (first < last && !(proposal_edges[first + 1] > edges[i]))
+      bound -= static_cast<double>(proposal_weights[first++]);
+    const double w = weights[i];
+    if (!(bound < w)) continue;
+    const double over = (w - bound) / (w + static_cast<double>(kInterlevelEpsilon));
+    loss += over * (w - bound);
+    const float slope = -2 * scale * static_cast<float>(over);
+    for (size_t j = first; j < last; ++j) d_proposal[j] += slope;
+  }
+  return static_cast<double>(scale) * loss;
+}
+
+}  // namespace nerf

@@ -1,0 +1,305 @@
+#include "train/grid_trainer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+#include "train/lap.h"
+#include "train/visibility.h"
+
+namespace nerf {
+
+namespace {
+
+int cascades_of(const Scene& scene) {
+  int c = 1;
+  while (scene.unbounded && c < kMostCascades && std::ldexp(1.0, c - 1) < scene.far) ++c;
+  return c;
+}
+
+}  // namespace
+
+OptimiserState::OptimiserState(const GridField& field)
+    : table_gradient(field.table.size()),
+      table_m(field.table.size()),
+      table_v(field.table.size()),
+      touched(field.shape.rows),
+      row_steps(field.shape.rows),
+      network_gradient(field.weights.size()),
+      network_m(field.weights.size()),
+      network_v(field.weights.size()) {}
+
+GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
+    : TrainerImpl(s, p, o, t),
+      field(o.grid, s.unbounded, cascades_of(s)),
+      optimiser(field),
+      tape(field, /*training=*/true, static_cast<float>(o.huber_delta)),
+      errors(p, s.train, static_cast<float>(o.error_guidance)),
+      maker(source, errors, field, t),
+      batch(std::max(1, o.batch_samples / kChunkSamples)) {
+  const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
+  features = AlignedArray<float>(columns * static_cast<size_t>(field.shape.features()));
+  d_features = AlignedArray<float>(features.size());
+  densities = AlignedArray<float>(columns);
+  for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
+  for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
+  chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
+  ray_errors.resize(batch.tile.size());
+  chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
+  corrections.resize(2 * kBiasCorrections);
+  bias_corrections(AdamStep(), corrections.data());
+  initialise();
+}
+
+void GridTrainer::initialise() {
+  field.initialise(options.seed ^ salt);
+  // A finer cascade answers for the middle of a coarser one.
+  for (int c = 1; c < field.occupancy.cascades(); ++c)
+    for (int64_t i = 0; i < field.occupancy.cells(); ++i) {
+      const float w = field.occupancy.cell_width(c);
+      const Vec3 centre = field.occupancy.cell_corner(i, c) + Vec3{0.5f * w, 0.5f * w, 0.5f * w};
+      if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
+    }
+  switch_off_impossible_cells(scene, photos, pool, field.occupancy);
+  field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
+}
+
+float GridTrainer::rate_at(int64_t step) const {
+  const double rise =
+      std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
+  return static_cast<float>(options.rate * rate_factor * rise *
+                            std::lerp(1.0, options.final_rate, progress_at(step)));
+}
+
+float GridTrainer::samples_per_cell_at(int64_t step) const {
+  return options.grid.sampler.samples_per_cell *
+         static_cast<float>(std::lerp(options.early_samples, 1.0, progress_at(step)));
+}
+
+StepReport GridTrainer::step() {
+  Lap lap;
+  const uint64_t seed = options.seed ^ salt;
+  const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
+  const int64_t rays = static_cast<int64_t>(
+      std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
+  maker.fill(seed, done, rays, samples_per_cell_at(done), batch);
+  lap.into(profile.rays);
+
+  // Level by level over all chunks: a level's table stays in cache.
+  const int64_t ld = kChunkSamples;
+  constexpr int kChunksPerItem = 16;
+  const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
+  const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
+  pool.parallel_for(level_count * items, [&](int64_t i) {
+    const int64_t l = i / items;
+    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
+    for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
+      const int64_t at = c * ld;
+      hash_grid_forward(level, field.table.data() + level.offset * kGridFeatures,
+                        batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
+                        batch.samples[static_cast<size_t>(c)],
+                        features.data() + (c * level_count + l) * kGridFeatures * ld, ld);
+    }
+  });
+  lap.into(profile.encode);
+  run_chunks();
+  lap.into(profile.network);
+
+  StepReport report;
+  for (int c = 0; c < batch.chunks; ++c) {
+    report.loss += chunk_loss[static_cast<size_t>(c)];
+    report.opacity += chunk_opacity[static_cast<size_t>(c)];
+  }
+  const double squared_error = mean_squared_error();
+  check_loss(report.loss + squared_error);
+  report.opacity /= static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
+  report.psnr = -10 * std::log10(std::max(squared_error, 1e-10));
+  scatter();
+  lap.into(profile.scatter);
+  report.rays = batch.rays_considered;
+  report.samples = batch.total_samples;
+  report.rate = rate_at(done);
+  update(static_cast<float>(report.rate));
+  lap.into(profile.update);
+
+  const double seen = static_cast<double>(batch.total_samples) /
+                      static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
+  samples_per_ray = done == 0 ? seen : 0.8 * samples_per_ray + 0.2 * seen;
+  ++done;
+  refresh_occupancy();
+  lap.into(profile.occupancy);
+  report.step = done;
+  return report;
+}
+
+double GridTrainer::late_saving_seconds() {
+  constexpr int kRepeats = 3;
+  const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
+  const float late = options.grid.sampler.samples_per_cell;
+  double rays = capacity / std::max(samples_per_ray, 0.05), least[2] = {1e30, 1e30};
+  for (const float samples : {samples_per_cell_at(done), late}) {
+    double& time = least[samples == late];
+    for (int i = 0; i < kRepeats; ++i) {
+      const double begin = seconds_now();
+      maker.fill(options.seed ^ salt, done, static_cast<int64_t>(rays), samples, batch);
+      time = std::min(time, seconds_now() - begin);
+      rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
+                                    static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
+    }
+  }
+  return least[0] < 1e30 ? least[0] - least[1] : 0;
+}
+
+void GridTrainer::run_chunks() {
+  const int64_t ld = kChunkSamples;
+  const int64_t rows = field.shape.features();
+  const float scale =
+      1.0f / (3.0f * static_cast<float>(std::max<int64_t>(batch.rays_considered, 1)));
+  const int64_t per = (batch.chunks + kAccumulators - 1) / kAccumulators;
+  pool.parallel_for_thread(kAccumulators, [&](int64_t a, int thread) {
+    Chunk& chunk = *workers[static_cast<size_t>(thread)];
+    AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
+    std::fill(sum.begin(), sum.end(), 0.0f);
+    chunk.weights = field.weights.data();
+    chunk.weight_gradient = sum.data();
+    const int64_t end = std::min<int64_t>(batch.chunks, (a + 1) * per);
+    for (int64_t c = a * per; c < end; ++c) {
+      const size_t i = static_cast<size_t>(c);
+      chunk.samples = batch.samples[i];
+      chunk.rays = batch.rays[i];
+      chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
+      chunk.loss = 0;
+      const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(float);
+      std::memcpy(chunk.data(tape.features), features.data() + c * rows * ld, bytes);
+      std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(float));
+      const size_t ray_bytes = 3 * kChunkRays * sizeof(float);
+      std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
+      std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
+      std::memcpy(chunk.data(tape.target), batch.target_of(static_cast<int>(c)), ray_bytes);
+      std::fill_n(chunk.data(tape.scale), chunk.rays, scale);
+      tape.tape.forward(chunk);
+      tape.tape.backward(chunk);
+      std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
+      std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
+      chunk_loss[i] = chunk.loss;
+      const int64_t lr = chunk.stride(tape.image.pixel);
+      const float* pixel = chunk.data(tape.image.pixel);
+      const float* target = chunk.data(tape.target);
+      for (int r = 0; r < chunk.rays; ++r) {
+        float sum = 0;
+        for (int k = 0; k < 3; ++k) {
+          const float e = pixel[k * lr + r] - target[k * lr + r];
+          sum += e * e;
+        }
+        ray_errors[i * kChunkRays + static_cast<size_t>(r)] = sum;
+      }
+      const float* opacity = pixel + 3 * lr;
+      chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
+    }
+  });
+}
+
+void GridTrainer::scatter() {
+  const int64_t ld = kChunkSamples;
+  const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
+  // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
+  // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
+  pool.parallel_for(levels + 2, [&](int64_t i) {
+    if (i == levels) return observe_samples();
+    if (i > levels) return observe_errors();
+    const int64_t l = levels - 1 - i;
+    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    for (int64_t c = 0; c < batch.chunks; ++c) {
+      const int64_t at = c * ld;
+      hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
+                         batch.samples[static_cast<size_t>(c)],
+                         d_features.data() + (c * levels + l) * kGridFeatures * ld, ld,
+                         optimiser.table_gradient.data() + level.offset * kGridFeatures,
+                         optimiser.touched.data() + level.offset);
+    }
+  });
+}
+
+void GridTrainer::update(float rate) {
+  const size_t n = field.weights.size();
+  float* gradient = optimiser.network_gradient.data();
+  std::fill_n(gradient, n, 0.0f);
+  for (const auto& a : accumulators)
+    for (size_t i = 0; i < n; ++i) gradient[i] += a[i];
+  check_gradient();
+
+  AdamStep adam;
+  adam.rate = rate * static_cast<float>(options.network_rate);
+  adam.l2 = static_cast<float>(options.network_l2);
+  adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
+             optimiser.network_v.data(), field.weights.data());
+  adam.rate = rate;
+  adam.l2 = 0;
+  constexpr int64_t kRows = 8192;
+  const int64_t rows = static_cast<int64_t>(field.shape.rows);
+  pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
+    const int64_t at = i * kRows;
+    adam_rows(adam, std::min(kRows, rows - at), optimiser.touched.data() + at,
+              optimiser.table_gradient.data() + 4 * at, optimiser.table_m.data() + 4 * at,
+              optimiser.table_v.data() + 4 * at, optimiser.row_steps.data() + at,
+              field.table.data() + 4 * at, corrections.data());
+  });
+}
+
+namespace {
+
+// Every array that a step reads and the step before wrote. Gradients are zero between steps.
+template <class T, class Visit>
+void visit_arrays(T& t, Visit&& visit) {
+  visit("table", t.field.table.span());
+  visit("table_m", t.optimiser.table_m.span());
+  visit("table_v", t.optimiser.table_v.span());
+  visit("row_steps", t.optimiser.row_steps.span());
+  visit("networks", t.field.weights.span());
+  visit("networks_m", t.optimiser.network_m.span());
+  visit("networks_v", t.optimiser.network_v.span());
+  visit("opacity", t.field.occupancy.training_state());
+  visit("pixel_errors", t.errors.errors());
+  visit("pixel_chances", t.errors.chances());
+}
+constexpr const char* kLevels = "occupancy";  // as of its last rebuild
+
+}  // namespace
+
+void GridTrainer::save_state(internal::ContainerWriter& file,
+                             nlohmann::ordered_json& scalars) const {
+  scalars["samples_per_ray"] = samples_per_ray;
+  visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
+  file.add(kLevels, field.occupancy.levels(), internal::SectionEncoding::kZlib);
+}
+
+void GridTrainer::load_state(const internal::ContainerReader& file,
+                             const internal::JsonFields& scalars) {
+  std::vector<uint8_t> levels(field.occupancy.levels().size());
+  file.read(kLevels, std::span(levels));
+  std::fill(optimiser.table_gradient.begin(), optimiser.table_gradient.end(), 0.0f);
+  std::fill(optimiser.touched.begin(), optimiser.touched.end(), uint8_t{0});
+  visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
+  field.occupancy.set_levels(levels);
+  samples_per_ray = scalars.number("samples_per_ray");
+}
+
+void GridTrainer::begin_anew() {
+  samples_per_ray = 16;
+  optimiser = OptimiserState(field);
+  errors.reset();
+  field.occupancy = OccupancyGrid(field.occupancy.cascades(), field.occupancy.side());
+  initialise();
+}
+
+RadianceField GridTrainer::snapshot(ModelInfo info) const {
+  auto grid = std::make_shared<GridField>(field);
+  grid->occupancy.forget_training();
+  return RadianceField(std::move(info), std::move(grid));
+}
+
+}  // namespace nerf

@@ -1,0 +1,76 @@
+// Training of the grid method.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+#include "nerf/kernels/adam.h"
+#include "nerf/model/grid_field.h"
+#include "train/error_map.h"
+#include "train/ray_batch.h"
+#include "train/trainer_impl.h"
+
+namespace nerf {
+
+// Of the occupancy grid of an unbounded scene.
+inline constexpr int kMostCascades = 8;
+
+// Chunks go to a fixed number of gradient accumulators whose sum is taken in order, so that it does
+// not depend on the number of threads.
+inline constexpr int kAccumulators = 32;
+
+// Gradients and moments of a field's parameters.
+struct OptimiserState {
+  explicit OptimiserState(const GridField& field);
+  AlignedArray<float> table_gradient, table_m, table_v;
+  AlignedArray<uint8_t> touched;     // one per row
+  AlignedArray<uint16_t> row_steps;  // one per row
+  AlignedArray<float> network_gradient, network_m, network_v;
+};
+
+struct GridTrainer final : TrainerImpl {
+  GridTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
+              ThreadPool& pool);
+
+  StepReport step() override;
+  double late_saving_seconds() override;
+  void begin_anew() override;
+  RadianceField snapshot(ModelInfo info) const override;
+  const GridField* grid() const override { return &field; }
+  void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
+  void load_state(const internal::ContainerReader& file,
+                  const internal::JsonFields& scalars) override;
+
+  float rate_at(int64_t step) const;
+  float samples_per_cell_at(int64_t step) const;
+  void run_chunks();
+  void scatter();
+  void observe_samples();
+  void observe_errors();
+  // Mean squared error over the photos' pixels, from the step's rays.
+  double mean_squared_error() const;
+  void update(float rate);
+  void check_gradient() const;  // of the networks, reduced
+  void refresh_occupancy();
+  void initialise();
+
+  GridField field;
+  OptimiserState optimiser;
+  GridTape tape;
+  std::vector<std::unique_ptr<Chunk>> workers;  // one per thread
+  std::vector<float> corrections;
+
+  ErrorMap errors;
+  RayBatchMaker maker;
+  RayBatch batch;
+  AlignedArray<float> features, d_features;  // [chunk][4 L][kChunkSamples]
+  AlignedArray<float> densities;             // [chunk][kChunkSamples]
+  std::vector<AlignedArray<float>> accumulators;
+  std::vector<float> ray_errors;  // squared, summed over channels; [chunk][kChunkRays]
+  std::vector<double> chunk_loss, chunk_opacity;
+
+  double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
+};
+
+}  // namespace nerf

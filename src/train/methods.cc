@@ -1,0 +1,187 @@
+#include "nerf/train/methods.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "nerf/base/error.h"
+#include "nerf/base/nearest_name.h"
+
+namespace nerf {
+
+namespace {
+
+struct Row {
+  const char* name;
+  const char* source;
+  // Fills in the publication's setting.
+  void (*paper)(TrainOptions&);
+};
+
+// bmild/nerf, paper_configs/blender_config.txt.
+void nerf_paper(TrainOptions& o) {
+  o.steps = 500000;
+  o.rate = 5e-4;
+  o.final_rate = 0.1;
+  o.warmup_steps = 0;
+  o.hold = 0;
+  o.recipe.one_photo = true;
+  o.recipe.crop_steps = 500;
+}
+
+// google/mipnerf, configs/blender.gin and internal/{models,utils}.py.
+void mipnerf_paper(TrainOptions& o) {
+  NetworkOptions& n = o.network;
+  n.cast = Cast::kCone;
+  n.encoding = Encoding::kIntegrated;
+  n.position_degrees = 16;
+  n.sampling.resampling = Resampling::kBlurred;
+  n.sampling.coarse = n.sampling.fine = 128;
+  n.shared = true;
+  n.density = DensityActivation::kSoftplus;
+  n.density_bias = -1;
+  n.colour_padding = 0.001f;
+  o.steps = 1000000;
+  o.rate = 5e-4;
+  o.final_rate = 0.01;
+  o.warmup_steps = 2500;
+  o.hold = 0;
+  o.recipe.rays = 4096;
+  o.recipe.one_photo = true;
+  o.recipe.coarse = 0.1f;
+  o.recipe.epsilon = 1e-8;
+  o.recipe.warmup_rate = 0.01;
+}
+
+// google-research/multinerf, configs/360.gin and internal/configs.py.
+void mipnerf360_paper(TrainOptions& o) {
+  mipnerf_paper(o);
+  NetworkOptions& n = o.network;
+  n.space = Space::kContract;
+  n.encoding = Encoding::kOffAxis;
+  n.position_degrees = 12;
+  n.sampling.resampling = Resampling::kProposal;
+  n.sampling.spacing = Spacing::kInverse;
+  n.sampling.rounds = 2;
+  n.sampling.coarse = 64;
+  n.sampling.fine = 32;
+  n.sampling.padding = 0;
+  n.shared = false;
+  n.width = 1024;
+  n.bottleneck = 256;
+  n.proposal_depth = 4;
+  n.proposal_width = 256;
+  n.proposal_colour = false;
+  n.opaque_end = true;
+  n.initialisation = Initialisation::kHe;
+  o.steps = 250000;
+  o.rate = 2e-3;
+  o.warmup_steps = 512;
+  o.recipe.rays = 16384;
+  o.recipe.one_photo = false;
+  o.recipe.coarse = 0;
+  o.recipe.interlevel = 1;
+  o.recipe.distortion = 0.01f;
+  o.recipe.charbonnier = 0.001f;
+  o.recipe.epsilon = 1e-6;
+  o.recipe.clip = 0.001;
+  o.recipe.near = 0.2;
+  o.recipe.far = 1e6;
+  o.recipe.anneal = true;
+}
+
+constexpr Row kRows[] = {
+    {"nerf", "Mildenhall et al. 2020", nerf_paper},
+    {"mipnerf", "Barron et al. 2021", mipnerf_paper},
+    {"mipnerf360", "Barron et al. 2022", mipnerf360_paper},
+};
+
+// What a smaller preset changes: widths, samples and rays, so that a step takes a fraction of a
+// second, and a rate and a schedule for thousands of steps instead of hundreds of thousands.
+void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
+  NetworkOptions& n = o.network;
+  n.width = n.bottleneck = width;
+  n.view_width = width / 2;
+  n.proposal_width = n.proposal_colour ? width : width / 2;
+  if (!n.shared && n.proposal_colour) n.proposal_depth = n.depth;
+  n.sampling.coarse /= divide_samples;
+  n.sampling.fine /= divide_samples;
+  o.steps = 0;
+  o.hold = 0.1;
+  o.recipe.rays = rays;
+  o.recipe.one_photo = false;
+  o.recipe.crop_steps = std::min(o.recipe.crop_steps, 100);
+  o.warmup_steps = std::min(o.warmup_steps, 128);
+}
+
+}  // namespace
+
+std::vector<std::string> internal::method_choices() {
+  std::vector<std::string> names{kGridMethod};
+  for (const Row& row : kRows) names.emplace_back(row.name);
+  return names;
+}
+
+std::vector<std::string> method_names() { return internal::method_choices(); }
+
+TrainOptions method_options(const std::string& method, Scale scale) {
+  TrainOptions o;
+  o.method = method;
+  if (method == kGridMethod) return o;
+  const auto row = std::ranges::find_if(kRows, [&](const Row& r) { return r.name == method; });
+  if (row == std::end(kRows))
+    throw Error("'" + method + "' is no method", "--method",
+                nearest_name_hint(method, method_names()));
+  row->paper(o);
+  if (scale == Scale::kSmall) shrink(o, 128, 2, 512);
+  if (scale == Scale::kTiny) {
+    shrink(o, 64, 2, 256);
+    o.network.depth = o.network.proposal_depth = 4;
+  }
+  return o;
+}
+
+std::string methods_table() {
+  const std::vector<std::array<std::string, 9>> head{{"method", "cast", "space", "encoding",
+                                                      "samples", "resampling", "networks",
+                                                      "density", "source"}};
+  std::vector<std::array<std::string, 9>> rows = head;
+  const TrainOptions grid = method_options(kGridMethod, Scale::kPaper);
+  rows.push_back({kGridMethod, "point", "identity/contract",
+                  fmt::format("hash grid {}x{}", grid.grid.levels, kGridFeatures),
+                  fmt::format("up to {}", grid.grid.sampler.max_samples), "occupancy march",
+                  fmt::format("{}x{} + {}x{}", grid.grid.density_layers, grid.grid.hidden,
+                              grid.grid.colour_layers, grid.grid.hidden),
+                  "exp", "Mueller et al. 2022"});
+  for (const Row& row : kRows) {
+    const NetworkOptions n = method_options(row.name, Scale::kPaper).network;
+    const auto name_of = [](auto value) {
+      return std::get<std::string>(OptionTraits<decltype(value)>::to_value(value));
+    };
+    std::string samples;
+    for (int i = 0; i < n.sampling.rounds; ++i) samples += fmt::format("{}+", n.sampling.coarse);
+    samples += std::to_string(n.sampling.fine);
+    const std::string spacing = n.sampling.spacing == Spacing::kInverse ? " inverse" : "";
+    std::string networks = fmt::format("{}x{}", n.depth, n.width);
+    if (!n.shared)
+      networks = fmt::format("{}x{} + ", n.proposal_depth, n.proposal_width) + networks;
+    rows.push_back(
+        {row.name, name_of(n.cast), name_of(n.space),
+         fmt::format("{} {}/{}", name_of(n.encoding), n.position_degrees, n.direction_degrees),
+         samples + spacing, name_of(n.sampling.resampling), networks, name_of(n.density),
+         row.source});
+  }
+  std::array<size_t, 9> widths{};
+  for (const auto& row : rows)
+    for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+  std::string out;
+  for (const auto& row : rows) {
+    std::string line;
+    for (size_t i = 0; i < row.size(); ++i)
+      line += i + 1 < row.size() ? fmt::format("{:<{}}  ", row[i], widths[i]) : row[i];
+    out += line + "\n";
+  }
+  return out;
+}
+
+}  // namespace nerf

@@ -1,0 +1,238 @@
+#include "train/network_trainer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "nerf/kernels/adam.h"
+#include "nerf/math/step_function.h"
+#include "nerf/train/evaluation.h"
+#include "train/lap.h"
+
+namespace nerf {
+
+int network_accumulators(size_t weights) {
+  constexpr size_t kFloats = size_t{1} << 26;
+  return static_cast<int>(std::clamp<size_t>(kFloats / std::max<size_t>(weights, 1), 4, 32));
+}
+
+namespace {
+
+NetworkLosses losses_of(const NetworkRecipe& r) {
+  return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise};
+}
+
+}  // namespace
+
+NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
+                               ThreadPool& t)
+    : TrainerImpl(s, p, o, t),
+      field(o.network, o.recipe.near > 0 ? o.recipe.near : s.near,
+            o.recipe.far > 0 ? o.recipe.far : s.far),
+      gradient(field.weights.size()),
+      m(field.weights.size()),
+      v(field.weights.size()),
+      rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field), o.recipe.rays)),
+      rays(static_cast<size_t>(o.recipe.rays)),
+      drawn(rays.size()) {
+  for (int i = 0; i < pool.size(); ++i)
+    workers.push_back(std::make_unique<NetworkLevels>(field, rays_per_chunk, /*training=*/true,
+                                                      losses_of(o.recipe)));
+  const int count = network_accumulators(field.weights.size());
+  for (int i = 0; i < count; ++i) accumulators.emplace_back(field.weights.size());
+  sums.resize(accumulators.size());
+  field.initialise(options.seed ^ salt);
+}
+
+// Exponential fall (bmild/nerf: rate 0.1^(t / decay); mip-NeRF: log-linear), after a warm-up along
+// a quarter sine (mip-NeRF's math.py).
+float NetworkTrainer::rate_at(int64_t step) const {
+  double rise = 1;
+  if (options.warmup_steps > 0) {
+    const double share =
+        std::min(1.0, static_cast<double>(step) / static_cast<double>(options.warmup_steps));
+    rise = std::lerp(options.recipe.warmup_rate, 1.0, std::sin(0.5 * 3.14159265358979 * share));
+  }
+  return static_cast<float>(options.rate * rate_factor * rise *
+                            std::pow(options.final_rate, progress_at(step)));
+}
+
+void NetworkTrainer::draw_rays() {
+  constexpr int64_t kBlock = 64;
+  const NetworkRecipe& recipe = options.recipe;
+  const uint64_t seed = options.seed ^ salt, step = static_cast<uint64_t>(done);
+  // Of the step, not of a ray: no ray has this number.
+  const size_t photo = static_cast<size_t>(
+      Random(seed, step, uint64_t{1} << 62).below(static_cast<uint64_t>(source.photos())));
+  const bool from_one = recipe.one_photo || done < recipe.crop_steps;
+  const double share = done < recipe.crop_steps ? recipe.crop : 1;
+  const Vec3 background = scene.alpha ? evaluation_background(true) : Vec3{0, 0, 0};
+  const int64_t n = static_cast<int64_t>(rays.size());
+  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
+    for (int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
+      NetworkRay& ray = rays[static_cast<size_t>(i)];
+      Random random(seed, step, static_cast<uint64_t>(i));
+      PixelSource::Pixel pixel;
+      constexpr int kMostTries = 64;  // of pixels that are masked out or have no ray
+      bool found = false;
+      for (int tries = 0; tries < kMostTries && !found; ++tries)
+        found =
+            from_one ? source.draw_from(photo, random, share, pixel) : source.draw(random, pixel);
+      drawn[static_cast<size_t>(i)] = found;
+      ray.random = random;
+      ray.background = background;
+      ray.scale = 0;
+      if (!found) continue;
+      ray.origin = pixel.ray.origin.cast<float>();
+      ray.direction = pixel.ray.direction.cast<float>();
+      ray.radius =
+          static_cast<float>(pixel_cone_radius(*pixel.camera, {pixel.x + 0.5, pixel.y + 0.5}));
+      for (int k = 0; k < 3; ++k)
+        ray.target[k] = pixel.rgb[k] * pixel.alpha + background[k] * (1 - pixel.alpha);
+    }
+  });
+  // Those without a pixel repeat the first that has one, at no weight.
+  const auto first = std::ranges::find(drawn, uint8_t{1});
+  const int64_t count = std::ranges::count(drawn, uint8_t{1});
+  const float scale = 1.0f / (3.0f * static_cast<float>(std::max<int64_t>(count, 1)));
+  for (size_t i = 0; i < rays.size(); ++i) {
+    if (drawn[i]) {
+      rays[i].scale = scale;
+    } else if (first != drawn.end()) {
+      const Random random = rays[i].random;
+      rays[i] = rays[static_cast<size_t>(first - drawn.begin())];
+      rays[i].random = random;
+      rays[i].scale = 0;
+    }
+  }
+}
+
+void NetworkTrainer::run_chunks() {
+  const int64_t chunks = (static_cast<int64_t>(rays.size()) + rays_per_chunk - 1) / rays_per_chunk;
+  const int64_t count = static_cast<int64_t>(accumulators.size());
+  const int64_t per = (chunks + count - 1) / count;
+  const double share = progress_at(done);
+  const float exponent =
+      options.recipe.anneal ? annealing_exponent(static_cast<float>(share)) : 1.0f;
+  pool.parallel_for_thread(count, [&](int64_t a, int thread) {
+    NetworkLevels& levels = *workers[static_cast<size_t>(thread)];
+    AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
+    std::fill(sum.begin(), sum.end(), 0.0f);
+    Sums& s = sums[static_cast<size_t>(a)];
+    s = {};
+    for (int64_t c = a * per; c < std::min(chunks, (a + 1) * per); ++c) {
+      const size_t begin = static_cast<size_t>(c * rays_per_chunk);
+      const size_t end = std::min(rays.size(), begin + static_cast<size_t>(rays_per_chunk));
+      const std::span<NetworkRay> part(rays.data() + begin, end - begin);
+      levels.forward(part, exponent);
+      s.loss += levels.backward(sum.data());
+      for (size_t r = 0; r < part.size(); ++r) {
+        if (part[r].scale == 0) continue;
+        float rgb[3], opacity;
+        levels.pixel(static_cast<int>(r), rgb, opacity);
+        for (int k = 0; k < 3; ++k)
+          s.squared_error += std::pow(static_cast<double>(rgb[k] - part[r].target[k]), 2);
+        s.opacity += static_cast<double>(opacity);
+      }
+    }
+  });
+}
+
+// In the order of the accumulators, whatever thread filled them.
+void NetworkTrainer::reduce_gradient() {
+  constexpr int64_t kBlock = 4096;
+  const int64_t n = static_cast<int64_t>(gradient.size());
+  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
+    const int64_t begin = block * kBlock, end = std::min(n, begin + kBlock);
+    std::fill(gradient.data() + begin, gradient.data() + end, 0.0f);
+    for (const AlignedArray<float>& a : accumulators)
+      for (int64_t i = begin; i < end; ++i) gradient.data()[i] += a.data()[i];
+  });
+}
+
+void NetworkTrainer::clip_gradient() {
+  for (size_t k = 0; k < field.networks.size(); ++k) {
+    const RadianceNetwork& network = field.networks[k];
+    double square = 0;
+    for (size_t i = network.begin; i < network.end; ++i)
+      square += static_cast<double>(gradient[i]) * static_cast<double>(gradient[i]);
+    if (!std::isfinite(square))
+      throw NonFiniteError("the gradient of network " + std::to_string(k + 1) + " at step " +
+                           std::to_string(done + 1) + " is not finite");
+    const double norm = std::sqrt(square), most = options.recipe.clip;
+    if (!(most > 0) || norm <= most) continue;
+    const float factor = static_cast<float>(most / norm);
+    for (size_t i = network.begin; i < network.end; ++i) gradient[i] *= factor;
+  }
+}
+
+StepReport NetworkTrainer::step() {
+  Lap lap;
+  draw_rays();
+  lap.into(profile.rays);
+  run_chunks();
+  lap.into(profile.network);
+  StepReport report;
+  double squared_error = 0;
+  for (const Sums& s : sums) {
+    report.loss += s.loss;
+    squared_error += s.squared_error;
+    report.opacity += s.opacity;
+  }
+  check_loss(report.loss);
+  report.rays = std::ranges::count(drawn, uint8_t{1});
+  const double count = static_cast<double>(std::max<int64_t>(report.rays, 1));
+  report.opacity /= count;
+  report.psnr = -10 * std::log10(std::max(squared_error / (3 * count), 1e-10));
+  for (int l = 0; l < workers[0]->levels(); ++l)
+    report.samples += report.rays * workers[0]->samples(l);
+  reduce_gradient();
+  clip_gradient();
+  report.rate = static_cast<double>(rate_at(done));
+  AdamStep adam;
+  adam.rate = rate_at(done);
+  adam.beta2 = static_cast<float>(options.recipe.beta2);
+  adam.epsilon = static_cast<float>(options.recipe.epsilon);
+  constexpr int64_t kBlock = 1 << 16;
+  const int64_t n = static_cast<int64_t>(gradient.size());
+  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
+    const int64_t at = block * kBlock;
+    adam_dense(adam, done + 1, std::min(kBlock, n - at), gradient.data() + at, m.data() + at,
+               v.data() + at, field.weights.data() + at);
+  });
+  lap.into(profile.update);
+  report.step = ++done;
+  return report;
+}
+
+void NetworkTrainer::begin_anew() {
+  std::fill(m.begin(), m.end(), 0.0f);
+  std::fill(v.begin(), v.end(), 0.0f);
+  field.initialise(options.seed ^ salt);
+}
+
+RadianceField NetworkTrainer::snapshot(ModelInfo info) const {
+  return RadianceField(std::move(info), std::make_shared<NetworkField>(field));
+}
+
+namespace {
+
+template <class T, class Visit>
+void visit_arrays(T& t, Visit&& visit) {
+  visit("networks", t.field.weights.span());
+  visit("networks_m", t.m.span());
+  visit("networks_v", t.v.span());
+}
+
+}  // namespace
+
+void NetworkTrainer::save_state(internal::ContainerWriter& file, nlohmann::ordered_json&) const {
+  visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
+}
+
+void NetworkTrainer::load_state(const internal::ContainerReader& file,
+                                const internal::JsonFields&) {
+  visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
+}
+
+}  // namespace nerf

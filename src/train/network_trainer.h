@@ -1,0 +1,48 @@
+// Training of the paper methods.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+#include "nerf/model/network_field.h"
+#include "nerf/model/network_levels.h"
+#include "train/trainer_impl.h"
+
+namespace nerf {
+
+// Accumulators of a field's gradient: many for small networks, so that many threads find work, few
+// for large ones, whose sums would fill the memory. Depends on the model alone.
+int network_accumulators(size_t weights);
+
+struct NetworkTrainer final : TrainerImpl {
+  NetworkTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
+                 ThreadPool& pool);
+
+  StepReport step() override;
+  void begin_anew() override;
+  RadianceField snapshot(ModelInfo info) const override;
+  void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
+  void load_state(const internal::ContainerReader& file,
+                  const internal::JsonFields& scalars) override;
+
+  float rate_at(int64_t step) const;
+  void draw_rays();
+  void run_chunks();
+  void reduce_gradient();
+  void clip_gradient();
+
+  NetworkField field;
+  AlignedArray<float> gradient, m, v;
+  int rays_per_chunk;
+  std::vector<std::unique_ptr<NetworkLevels>> workers;  // one per thread
+  std::vector<AlignedArray<float>> accumulators;
+  std::vector<NetworkRay> rays;
+  std::vector<uint8_t> drawn;  // whether a ray's draw gave a pixel
+  struct Sums {
+    double loss = 0, squared_error = 0, opacity = 0;
+  };
+  std::vector<Sums> sums;  // of each accumulator
+};
+
+}  // namespace nerf

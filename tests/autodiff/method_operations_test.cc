@@ -1,0 +1,257 @@
+// Gradients of the operations that the paper methods are written with; operations_test.cc has those
+// of the grid method.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "autodiff/reference_ops.h"
+#include "nerf/autodiff/operations.h"
+
+namespace nerf {
+namespace {
+
+using enum Domain;
+using Values = std::vector<Value>;
+
+TEST(Gradient, LinearWithBias) {
+  static const LinearWeights w{0, 5, 19, true}, next{w.size(), 19, 2, true};
+  for (Domain domain : {kSamples, kRays})
+    check_operation({"linear_bias",
+                     {{5, domain, true}},
+                     {w, next},
+                     [](Tape& t, const Values& v) {
+                       const Value a = linear(t, v[0], w, LinearActivation::kRelu);
+                       return Values{linear(t, a, next, LinearActivation::kNone)};
+                     },
+                     110},
+                    []<class T>(const Given<T>& v) -> Outputs<T> {
+                      const auto a = on_columns::linear(v[0], v.weights, w, true);
+                      return {on_columns::linear(a, v.weights, next, false)};
+                    });
+}
+
+// Frequencies up to 2^9, some of them half open.
+TEST(Gradient, FrequencyEncoding) {
+  static const std::vector<double> weights{1, 1, 0.75, 0.5, 0.25, 0};
+  static const std::vector<float> as_float(weights.begin(), weights.end());
+  for (bool identity : {false, true})
+    for (Domain domain : {kSamples, kRays})
+      check_operation({"frequency_encoding",
+                       {{3, domain, true, -2, 2}},
+                       {},
+                       [=](Tape& t, const Values& v) {
+                         return Values{frequency_encoding(t, v[0], as_float, identity)};
+                       },
+                       90},
+                      [=]<class T>(const Given<T>& v) -> Outputs<T> {
+                        return {on_columns::frequency_encoding(v[0], weights, identity)};
+                      });
+}
+
+TEST(Gradient, IntegratedEncoding) {
+  for (int needs = 1; needs < 4; ++needs)  // which of mean and variance need a gradient
+    for (double spread : {0.0, 0.01, 3.0})
+      check_operation(
+          {"integrated_encoding",
+           {{3, kSamples, (needs & 1) != 0, -2, 2}, {3, kSamples, (needs & 2) != 0, 0, spread}},
+           {},
+           [](Tape& t, const Values& v) { return Values{integrated_encoding(t, v[0], v[1], 6)}; },
+           90},
+          []<class T>(const Given<T>& v) -> Outputs<T> {
+            return {on_columns::integrated_encoding(v[0], v[1], 6)};
+          });
+}
+
+TEST(Gradient, EncodingBesideOtherReaders) {
+  static const std::vector<double> weights{1, 1};
+  static const std::vector<float> as_float{1, 1};
+  check_operation({"encoding_shared",
+                   {{2, kSamples, true, -2, 2}},
+                   {},
+                   [](Tape& t, const Values& v) {
+                     const Value a = frequency_encoding(t, v[0], as_float, true);
+                     const Value b = sigmoid(t, v[0]);
+                     return Values{a, b, frequency_encoding(t, b, as_float, false), v[0]};
+                   },
+                   110},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto b = on_columns::sigmoid(v[0]);
+                    return {on_columns::frequency_encoding(v[0], weights, true), b,
+                            on_columns::frequency_encoding(b, weights, false), v[0]};
+                  });
+}
+
+TEST(Gradient, Softplus) {
+  for (double range : {3.0, 60.0})
+    for (float shift : {0.0f, -1.0f})
+      check_operation({"softplus",
+                       {{2, kSamples, true, -range, range}},
+                       {},
+                       [=](Tape& t, const Values& v) { return Values{softplus(t, v[0], shift)}; },
+                       90},
+                      [=]<class T>(const Given<T>& v) -> Outputs<T> {
+                        return {on_columns::softplus(v[0], static_cast<double>(shift))};
+                      });
+}
+
+TEST(Gradient, ReluAndScaleShift) {
+  check_operation({"relu",
+                   {{3, kSamples, true}},
+                   {},
+                   [](Tape& t, const Values& v) {
+                     const Value a = relu(t, v[0]);
+                     return Values{a, scale_shift(t, v[0], 1.5f, -0.25f), sigmoid(t, a)};
+                   },
+                   80},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto a = on_columns::relu(v[0]);
+                    return {a, on_columns::scale_shift(v[0], 1.5, -0.25), on_columns::sigmoid(a)};
+                  });
+}
+
+TEST(Gradient, Add) {
+  for (int needs = 1; needs < 4; ++needs)
+    check_operation({"add",
+                     {{3, kSamples, (needs & 1) != 0}, {3, kSamples, (needs & 2) != 0}},
+                     {},
+                     [](Tape& t, const Values& v) {
+                       const Value a = add(t, v[0], v[1]);
+                       return Values{a, add(t, a, v[0]), add(t, v[1], v[1])};
+                     },
+                     90},
+                    []<class T>(const Given<T>& v) -> Outputs<T> {
+                      const auto a = on_columns::add(v[0], v[1]);
+                      return {a, on_columns::add(a, v[0]), on_columns::add(v[1], v[1])};
+                    });
+}
+
+TEST(Gradient, RepeatForSamples) {
+  check_operation({"repeat",
+                   {{3, kRays, true}},
+                   {},
+                   [](Tape& t, const Values& v) {
+                     const Value a = repeat_for_samples(t, v[0]), b = sigmoid(t, v[0]);
+                     return Values{a, b, repeat_for_samples(t, v[0])};
+                   },
+                   140},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto a = on_columns::repeat_for_samples(v[0], v.rays);
+                    return {a, on_columns::sigmoid(v[0]), a};
+                  });
+}
+
+// Thin, ordinary and opaque matter, with and without a closed end.
+TEST(Gradient, RenderWeights) {
+  for (bool opaque_end : {false, true})
+    for (double most : {0.01, 8.0, 1e4})
+      check_operation({"render_weights",
+                       {{1, kSamples, true, 0, most}, {1, kSamples, false, 0.01, 0.3}},
+                       {},
+                       [=](Tape& t, const Values& v) {
+                         return Values{render_weights(t, v[0], v[1], opaque_end)};
+                       },
+                       300,
+                       /*shared=*/1},
+                      [=]<class T>(const Given<T>& v) -> Outputs<T> {
+                        return {on_columns::render_weights(v[0], v[1], v.rays, opaque_end)};
+                      });
+}
+
+TEST(Gradient, Accumulate) {
+  for (int needs = 1; needs < 4; ++needs)
+    check_operation(
+        {"accumulate",
+         {{1, kSamples, (needs & 1) != 0, 0, 0.1},
+          {3, kSamples, (needs & 2) != 0, 0, 1},
+          {3, kRays, false, 0, 1}},
+         {},
+         [](Tape& t, const Values& v) { return Values{accumulate(t, v[0], v[1], v[2])}; },
+         300},
+        []<class T>(const Given<T>& v) -> Outputs<T> {
+          return {on_columns::accumulate(v[0], v[1], v[2], v.rays)};
+        });
+}
+
+// The whole path, weights read twice.
+TEST(Gradient, WeightsWithTwoReaders) {
+  check_operation({"weights_shared",
+                   {{1, kSamples, true, -2, 2},
+                    {3, kSamples, true, -2, 2},
+                    {1, kSamples, false, 0.01, 0.3},
+                    {3, kRays, false, 0, 1}},
+                   {},
+                   [](Tape& t, const Values& v) {
+                     const Value w = render_weights(t, softplus(t, v[0], -1), v[2], false);
+                     return Values{accumulate(t, w, sigmoid(t, v[1]), v[3]), w};
+                   },
+                   400,
+                   /*shared=*/1},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto w = on_columns::render_weights(on_columns::softplus(v[0], -1), v[2],
+                                                              v.rays, false);
+                    return {on_columns::accumulate(w, on_columns::sigmoid(v[1]), v[3], v.rays), w};
+                  });
+}
+
+TEST(Gradient, SquaredAndCharbonnierLoss) {
+  const std::vector<TestInput> inputs{
+      {4, kRays, true, -0.2, 1.2}, {3, kRays, false, 0, 1}, {1, kRays, false, 0.01, 1}};
+  check_operation({"squared_loss",
+                   inputs,
+                   {},
+                   [](Tape& t, const Values& v) {
+                     squared_loss(t, v[0], v[1], v[2]);
+                     return Values{};
+                   },
+                   40},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    return {on_columns::pixel_loss(v[0], v[1], v[2], [](T e) { return e * e; })};
+                  });
+  for (double epsilon : {0.001, 0.5})
+    check_operation({"charbonnier_loss",
+                     inputs,
+                     {},
+                     [=](Tape& t, const Values& v) {
+                       charbonnier_loss(t, v[0], v[1], v[2], static_cast<float>(epsilon));
+                       return Values{};
+                     },
+                     40},
+                    [=]<class T>(const Given<T>& v) -> Outputs<T> {
+                      using std::sqrt;
+                      const T square(std::pow(static_cast<double>(static_cast<float>(epsilon)), 2));
+                      return {on_columns::pixel_loss(v[0], v[1], v[2],
+                                                     [&](T e) { return sqrt(e * e + square); })};
+                    });
+}
+
+// What a caller writes between the passes reaches the value, beside its other readers.
+TEST(Gradient, AddGradient) {
+  for (bool shared : {false, true}) {
+    Tape tape(32, 16);
+    const Value x = tape.input(2, kSamples, true), extra = tape.input(2, kSamples);
+    const Value y = shared ? sigmoid(tape, x) : x;
+    if (shared) add_gradient(tape, x, extra);
+    add_gradient(tape, y, extra);
+    tape.plan();
+    Chunk chunk(tape);
+    const Rays rays{0, 3, 20};
+    chunk.samples = 20;
+    chunk.rays = 2;
+    chunk.ray_begin = rays.data();
+    std::fill(chunk.arena.begin(), chunk.arena.end(), 0.25f);
+    tape.forward(chunk);
+    for (int i = 0; i < 64; ++i) chunk.data(extra)[i] = static_cast<float>(i);
+    tape.backward(chunk);
+    const float slope = 0.5621765f * 0.4378235f;  // of the sigmoid at 0.25
+    for (int row = 0; row < 2; ++row)
+      for (int s = 0; s < 32; ++s) {
+        const float given = static_cast<float>(row * 32 + s);
+        const float want = s >= 20 ? 0.0f : shared ? given * (1 + slope) : given;
+        EXPECT_NEAR(chunk.gradient(x)[row * 32 + s], want, 1e-5f * want) << row << ' ' << s;
+      }
+  }
+}
+
+}  // namespace
+}  // namespace nerf
