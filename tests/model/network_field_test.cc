@@ -1,0 +1,178 @@
+#include "nerf/model/network_field.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <string>
+
+#include "autodiff/reference_ops.h"
+#include "nerf/base/error.h"
+#include "support/network_options.h"
+
+namespace nerf {
+namespace {
+
+using test::mipnerf360_options;
+using test::mipnerf_options;
+using test::nerf_options;
+using test::small_network;
+
+// NeRF: 595,844 each (methods' reference); mip-NeRF 360: the authors' own count.
+TEST(NetworkField, ParametersAreThePapers) {
+  const NetworkField nerf(nerf_options(), 2, 6);
+  ASSERT_EQ(nerf.networks.size(), 2u);
+  EXPECT_EQ(nerf.networks[0].parameters(), 595844u);
+  EXPECT_EQ(nerf.networks[1].parameters(), 595844u);
+  const NetworkField mipnerf360(mipnerf360_options(), 0.2, 1e6);
+  EXPECT_EQ(mipnerf360.parameters(), 9007493u);
+  const NetworkField mipnerf(mipnerf_options(), 2, 6);
+  EXPECT_EQ(mipnerf.networks.size(), 1u);  // shared
+  // By hand: 96 to 256, six of 256 to 256 besides the one behind the skip, heads.
+  EXPECT_EQ(mipnerf.parameters(), 97u * 256 + 6u * 257 * 256 + (256u + 96 + 1) * 256 + 257 +
+                                      257u * 256 + (256u + 27 + 1) * 128 + 129u * 3);
+}
+
+TEST(NetworkField, OffAxisDirections) {
+  const auto p = off_axis_directions();
+  ASSERT_EQ(p.size(), 21u);
+  for (size_t i = 0; i < p.size(); ++i) {
+    EXPECT_NEAR(length(p[i]), 1, 1e-6);
+    for (size_t j = 0; j < i; ++j) EXPECT_LT(std::fabs(dot(p[i], p[j])), 0.9f);  // 31.7 degrees
+  }
+  // Evenly spread: sum p p^T is a multiple of the identity, 21 / 3.
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) {
+      double sum = 0;
+      for (const Vec3& v : p) sum += static_cast<double>(v[a]) * static_cast<double>(v[b]);
+      EXPECT_NEAR(sum, a == b ? 7 : 0, 1e-5);
+    }
+}
+
+TEST(NetworkField, FirstWeightsFollowTheSeedAndTheirBounds) {
+  for (Initialisation kind : {Initialisation::kGlorot, Initialisation::kHe}) {
+    NetworkOptions o = nerf_options();
+    o.initialisation = kind;
+    NetworkField a(o, 2, 6), b(o, 2, 6), c(o, 2, 6);
+    a.initialise(1);
+    b.initialise(1);
+    c.initialise(2);
+    EXPECT_TRUE(std::equal(a.weights.begin(), a.weights.end(), b.weights.begin()));
+    EXPECT_FALSE(std::equal(a.weights.begin(), a.weights.end(), c.weights.begin()));
+    const LinearWeights& w = a.networks[0].trunk[1];
+    const float bound =
+        std::sqrt(6.0f / static_cast<float>(kind == Initialisation::kHe ? w.in : w.in + w.out));
+    float largest = 0;
+    for (size_t i = w.offset; i < w.bias_offset(); ++i)
+      largest = std::max(largest, std::fabs(a.weights[i]));
+    EXPECT_LE(largest, bound);
+    EXPECT_GT(largest, 0.99f * bound);  // of 65536 draws
+    for (int j = 0; j < w.out; ++j)
+      EXPECT_EQ(a.weights[w.bias_offset() + static_cast<size_t>(j)], 0);
+    EXPECT_NE(a.weights[a.networks[0].trunk[0].offset], a.weights[a.networks[1].trunk[0].offset]);
+  }
+}
+
+TEST(NetworkField, ImpossibleCombinationsAreErrors) {
+  const auto refused = [](const std::function<void(NetworkOptions&)>& change) {
+    NetworkOptions o = nerf_options();
+    change(o);
+    try {
+      o.check_options();
+    } catch (const Error& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(refused([](NetworkOptions&) {}), "");
+  EXPECT_NE(refused([](NetworkOptions& o) { o.cast = Cast::kCone; }).find("cones need intervals"),
+            std::string::npos);
+  EXPECT_NE(refused([](NetworkOptions& o) {
+              o.encoding = Encoding::kIntegrated;
+              o.position_degrees = 0;
+            }).find("at least one frequency"),
+            std::string::npos);
+  EXPECT_NE(refused([](NetworkOptions& o) {
+              o.shared = true;
+              o.proposal_colour = false;
+            }).find("colours at every level"),
+            std::string::npos);
+}
+
+// The whole network with its rendering and its loss, against the scalar templates.
+template <class T>
+Outputs<T> network_template(const NetworkField& field, const Given<T>& v) {
+  const NetworkOptions& o = field.options;
+  const RadianceNetwork& n = field.networks.back();
+  size_t next = 0;
+  const auto& position = v[next++];
+  const Columns<T> code =
+      o.integrated()
+          ? on_columns::integrated_encoding(position, v[next++], o.position_degrees)
+          : on_columns::frequency_encoding(
+                position, std::vector<double>(static_cast<size_t>(o.position_degrees), 1.0), true);
+  const auto &directions = v[next], &delta = v[next + 1], &background = v[next + 2],
+             &target = v[next + 3], &scale = v[next + 4];
+  Columns<T> h = code;
+  for (size_t i = 0; i < n.trunk.size(); ++i) {
+    h = on_columns::linear(h, v.weights, n.trunk[i], true);
+    if (i > 0 && i + 1 < n.trunk.size() && o.skip > 0 && i % static_cast<size_t>(o.skip) == 0)
+      h = on_columns::concat(code, h);
+  }
+  const Columns<T> raw = on_columns::linear(h, v.weights, n.density, false);
+  const Columns<T> density =
+      o.density == DensityActivation::kSoftplus
+          ? on_columns::softplus(raw, static_cast<double>(o.density_bias))
+          : on_columns::relu(on_columns::scale_shift(raw, 1, static_cast<double>(o.density_bias)));
+  const Columns<T> weights = on_columns::render_weights(density, delta, v.rays, o.opaque_end);
+  Columns<T> seen = h;
+  if (o.view_dependence) {
+    const Columns<T> view = on_columns::frequency_encoding(
+        directions, std::vector<double>(static_cast<size_t>(o.direction_degrees), 1.0), true);
+    seen = on_columns::linear(h, v.weights, n.bottleneck, false);
+    seen =
+        on_columns::linear(on_columns::concat(seen, on_columns::repeat_for_samples(view, v.rays)),
+                           v.weights, n.view, true);
+  }
+  Columns<T> colour = on_columns::sigmoid(on_columns::linear(seen, v.weights, n.colour, false));
+  const double padding = static_cast<double>(o.colour_padding);
+  colour = on_columns::scale_shift(colour, 1 + 2 * padding, -padding);
+  const Columns<T> pixel = on_columns::accumulate(weights, colour, background, v.rays);
+  return {on_columns::pixel_loss(pixel, target, scale, [](T e) { return e * e; })};
+}
+
+TEST(NetworkField, GradientOfTheWholeModel) {
+  for (const NetworkOptions& full : {nerf_options(), mipnerf_options(), mipnerf360_options()}) {
+    for (bool view_dependence : {true, false}) {
+      NetworkOptions o = small_network(full);
+      o.view_dependence = view_dependence;
+      const NetworkField field(o, 2, 6);
+      NetworkTape t(field, o.sampling.levels() - 1, 4, NetworkTape::Purpose::kTrain, {});
+      TapeUnderTest test{&t.tape, {}, {}, {}, {}, 900};
+      const auto input = [&](Value value, TestInput spec) {
+        test.inputs.push_back(value);
+        test.specs.push_back(spec);
+      };
+      input(t.position, {position_rows(o), Domain::kSamples, false, -1, 1});
+      if (o.integrated()) input(t.variance, {position_rows(o), Domain::kSamples, false, 0, 0.1});
+      input(t.directions, {3, Domain::kRays, false, -1, 1, /*unit=*/true});
+      input(t.delta, {1, Domain::kSamples, false, 0.05, 0.3});
+      input(t.background, {3, Domain::kRays, false, 0, 1});
+      input(t.target, {3, Domain::kRays, false, 0, 1});
+      input(t.scale, {1, Domain::kRays, false, 0.1, 1});
+      const RadianceNetwork& n = field.networks.back();
+      for (const LinearWeights& w : n.trunk) test.layers.push_back(w);
+      for (const LinearWeights* w : {&n.density, &n.bottleneck, &n.view, &n.colour})
+        if (w->out > 0) test.layers.push_back(*w);
+      test.shared = 1;
+      test.weight_range = 0.4;
+      SCOPED_TRACE(position_features(o));
+      check_gradients("network", test,
+                      [&]<class T>(const Given<T>& v) { return network_template<T>(field, v); },
+                      {{0, 3, 3, 10}});
+    }
+  }
+}
+
+}  // namespace
+}  // namespace nerf

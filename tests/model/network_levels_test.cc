@@ -1,0 +1,187 @@
+#include "nerf/model/network_levels.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "nerf/base/threads.h"
+#include "nerf/math/camera.h"
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+#include "support/network_options.h"
+#include "support/temp_folder.h"
+
+namespace nerf {
+namespace {
+
+using test::mipnerf360_options;
+using test::mipnerf_options;
+using test::nerf_options;
+using test::small_network;
+
+std::vector<NetworkOptions> all_methods() {
+  return {small_network(nerf_options()), small_network(mipnerf_options()),
+          small_network(mipnerf360_options())};
+}
+
+std::vector<NetworkRay> some_rays(int count, float distance) {
+  std::vector<NetworkRay> rays;
+  for (int i = 0; i < count; ++i) {
+    Random random(9, 0, static_cast<uint64_t>(i));
+    NetworkRay ray;
+    Vec3 d{random.uniform() - 0.5f, random.uniform() - 0.5f, -1};
+    ray.direction = d / length(d);
+    ray.origin = ray.direction * -distance;
+    ray.radius = 0.001f;
+    ray.background = {1, 1, 1};
+    ray.target = {0.2f, 0.4f, 0.6f};
+    ray.scale = 1.0f / static_cast<float>(3 * count);
+    ray.random = random;
+    rays.push_back(ray);
+  }
+  return rays;
+}
+
+// A network whose only weights are the biases of its heads: the same matter everywhere.
+NetworkField homogeneous(NetworkOptions o, float raw_density, double near, double far) {
+  NetworkField field(o, near, far);
+  for (const RadianceNetwork& n : field.networks)
+    field.weights[n.density.bias_offset()] = raw_density;
+  return field;
+}
+
+// Light through homogeneous matter between near and far: 1 - exp(-density (far - near)), whatever
+// the samples are (Max 1995); its colour is that of sigmoid(0).
+TEST(NetworkLevels, HomogeneousMatter) {
+  for (NetworkOptions o : all_methods()) {
+    o.opaque_end = false;
+    o.colour_padding = 0;
+    if (o.sampling.resampling == Resampling::kCoarseFine) continue;  // its end is endless, below
+    const NetworkField field = homogeneous(o, 0.5f, 1, 3);
+    const double density = std::log1p(std::exp(0.5 + static_cast<double>(o.density_bias)));
+    NetworkLevels levels(field, 4);
+    auto rays = some_rays(4, 2);
+    levels.forward(rays, 1);
+    for (int r = 0; r < 4; ++r) {
+      float rgb[3], opacity;
+      levels.pixel(r, rgb, opacity);
+      // mip-NeRF draws the outermost posts a little inside.
+      const auto posts = levels.posts(levels.levels() - 1, r);
+      const double way = static_cast<double>(levels.sampler().distance(posts.back())) -
+                         static_cast<double>(levels.sampler().distance(posts.front()));
+      EXPECT_GT(way, 1.5);
+      const double want = 1 - std::exp(-density * way);
+      EXPECT_NEAR(opacity, want, 1e-5);
+      for (const float channel : rgb) EXPECT_NEAR(channel, 1 - 0.5 * want, 1e-5);
+    }
+  }
+}
+
+// NeRF's last interval has no end: any matter there is opaque.
+TEST(NetworkLevels, NerfIsOpaqueAtTheEnd) {
+  const NetworkField field = homogeneous(small_network(nerf_options()), 1e-4f, 1, 3);
+  NetworkLevels levels(field, 2);
+  auto rays = some_rays(2, 2);
+  levels.forward(rays, 1);
+  float rgb[3], opacity;
+  levels.pixel(1, rgb, opacity);
+  EXPECT_NEAR(opacity, 1, 1e-6);
+  EXPECT_NEAR(levels.median_distance(1), 3, 0.2);
+}
+
+// From any camera, whatever the weights: finite, weights at least 0 with a sum of at most 1.
+TEST(NetworkLevels, NothingIsLostFarAway) {
+  for (const NetworkOptions& o : all_methods())
+    for (float distance : {0.0f, 3.0f, 1e5f}) {
+      NetworkField field(o, 0.1, 1e6);
+      field.initialise(3);
+      for (float& w : field.weights) w *= 3;
+      NetworkLevels levels(field, 3, true, {1, 1, 0.01f, 0.001f, 1});
+      auto rays = some_rays(3, distance);
+      levels.forward(rays, 0.5f);
+      AlignedArray<float> gradient(field.weights.size());
+      EXPECT_TRUE(std::isfinite(levels.backward(gradient.data())));
+      for (const float g : gradient) ASSERT_TRUE(std::isfinite(g));
+      for (int l = 0; l < levels.levels(); ++l)
+        for (int r = 0; r < 3; ++r) {
+          double sum = 0;
+          for (const float w : levels.weights(l, r)) {
+            ASSERT_GE(w, 0);
+            sum += static_cast<double>(w);
+          }
+          EXPECT_LE(sum, 1 + 1e-6);
+        }
+    }
+}
+
+// The pixels of a chunk do not depend on what else is in it.
+TEST(NetworkLevels, RaysDoNotMeetEachOther) {
+  for (const NetworkOptions& o : all_methods()) {
+    NetworkField field(o, 0.5, 4);
+    field.initialise(3);
+    NetworkLevels together(field, 5), alone(field, 5);
+    auto rays = some_rays(5, 2);
+    together.forward(rays, 1);
+    for (int r = 0; r < 5; ++r) {
+      std::vector<NetworkRay> one{rays[static_cast<size_t>(r)]};
+      alone.forward(one, 1);
+      float a[3], b[3], oa, ob;
+      together.pixel(r, a, oa);
+      alone.pixel(0, b, ob);
+      EXPECT_EQ(oa, ob);
+      for (int k = 0; k < 3; ++k) EXPECT_EQ(a[k], b[k]);
+    }
+  }
+}
+
+Camera small_camera() {
+  Camera c;
+  c.model = CameraModel::kPinhole;
+  c.width = 19;
+  c.height = 7;
+  c.params = {15, 15, 9.5, 3.5};
+  return c;
+}
+
+// Saved and loaded: the same picture; any number of threads: the same bits; queries agree with it.
+TEST(NetworkRenderer, FilesAndThreadsChangeNothing) {
+  for (const NetworkOptions& o : all_methods()) {
+    auto field = std::make_shared<NetworkField>(o, 0.5, 4);
+    field->initialise(5);
+    ModelInfo info;
+    info.method = "composed";
+    info.alpha = true;
+    info.near = 0.5;
+    info.far = 4;
+    const RadianceField model(info, field);
+    test::TempFolder folder;
+    model.save(folder / "m.nerf");
+    const RadianceField loaded = RadianceField::load(folder / "m.nerf");
+    Pose pose;
+    pose.translation = {0, 0, -2};
+    ThreadPool one(1), two(2);
+    const Frame a = render(model, small_camera(), pose, {}, one);
+    const Frame b = render(loaded, small_camera(), pose, {}, two);
+    EXPECT_EQ(a.rgb, b.rgb);
+    EXPECT_EQ(a.alpha, b.alpha);
+    EXPECT_EQ(a.depth_z, b.depth_z);
+    for (const float v : a.rgb) EXPECT_TRUE(v >= 0 && v <= 1);
+
+    std::vector<Vec3d> points, directions;
+    for (int i = 0; i < 100; ++i) {
+      points.push_back({0.01 * i, 0.3, -0.2});
+      directions.push_back({0, 0.6, 0.8});
+    }
+    std::vector<float> density(100), rgb(300), density2(100), rgb2(300);
+    model.query(points, directions, density, rgb, one);
+    loaded.query(points, directions, density2, rgb2, two);
+    EXPECT_EQ(density, density2);
+    EXPECT_EQ(rgb, rgb2);
+    for (const float d : density) EXPECT_TRUE(std::isfinite(d) && d >= 0);
+    EXPECT_NE(density[0], density[99]);
+  }
+}
+
+}  // namespace
+}  // namespace nerf

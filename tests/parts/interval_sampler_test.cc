@@ -1,0 +1,158 @@
+#include "nerf/parts/interval_sampler.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace nerf {
+namespace {
+
+using Floats = std::vector<float>;
+
+IntervalOptions options_of(Resampling resampling, Spacing spacing, int rounds = 1) {
+  IntervalOptions o;
+  o.resampling = resampling;
+  o.spacing = spacing;
+  o.rounds = rounds;
+  o.coarse = 32;
+  o.fine = 48;
+  if (resampling == Resampling::kProposal) o.padding = 0;
+  return o;
+}
+
+Floats first_level(IntervalSampler& sampler, Random* random) {
+  Floats out(static_cast<size_t>(sampler.posts(0)));
+  sampler.first(random, out);
+  return out;
+}
+
+Floats next_level(IntervalSampler& sampler, int level, const Floats& before, const Floats& weights,
+                  Random* random) {
+  Floats out(static_cast<size_t>(sampler.posts(level)));
+  sampler.next(level, before, weights, 1, random, out);
+  return out;
+}
+
+constexpr Resampling kAll[] = {Resampling::kCoarseFine, Resampling::kBlurred,
+                               Resampling::kProposal};
+
+// Whatever the weights are: sorted, between near and far, the number asked for, from the key alone.
+TEST(IntervalSampler, LevelsAreSortedAndInRange) {
+  const Floats kinds[] = {Floats(32, 0.0f), Floats(32, 1.0f / 32), [] {
+                            Floats spike(32, 0.0f);
+                            spike[9] = 1;
+                            return spike;
+                          }()};
+  for (Resampling resampling : kAll)
+    for (Spacing spacing : {Spacing::kUniform, Spacing::kInverse})
+      for (const Floats& weights : kinds)
+        for (uint64_t seed = 0; seed < 20; ++seed) {
+          IntervalSampler sampler(options_of(resampling, spacing, 2), 0.5, 1e6);
+          Random random(seed, 0, 0);
+          Random* key = seed ? &random : nullptr;
+          std::vector<Floats> levels{first_level(sampler, key)};
+          for (int l = 1; l < sampler.levels(); ++l) {
+            // The second level of coarse+fine has more samples: its weights are repeated.
+            Floats w(static_cast<size_t>(sampler.samples(l - 1)));
+            for (size_t i = 0; i < w.size(); ++i) w[i] = weights[i % 32];
+            if (l == 2 && resampling == Resampling::kCoarseFine) break;
+            levels.push_back(next_level(sampler, l, levels.back(), w, key));
+          }
+          for (const Floats& level : levels) {
+            EXPECT_TRUE(std::is_sorted(level.begin(), level.end()));
+            for (const float entry : level) {
+              const float t = sampler.distance(entry);
+              EXPECT_GE(t, 0.5f * (1 - 1e-6f));
+              EXPECT_LE(t, 1e6f * (1 + 1e-6f));
+            }
+          }
+        }
+}
+
+// Even samples: linear in distance, or in its inverse.
+TEST(IntervalSampler, FirstSamplesAreEven) {
+  for (Resampling resampling : {Resampling::kCoarseFine, Resampling::kBlurred}) {
+    IntervalSampler uniform(options_of(resampling, Spacing::kUniform), 2, 6);
+    IntervalSampler inverse(options_of(resampling, Spacing::kInverse), 2, 6);
+    const Floats a = first_level(uniform, nullptr), b = first_level(inverse, nullptr);
+    const double n = static_cast<double>(a.size()) - 1;
+    for (size_t i = 0; i < a.size(); ++i) {
+      const double share = static_cast<double>(i) / n;
+      EXPECT_NEAR(uniform.distance(a[i]), 2 + 4 * share, 1e-5);
+      EXPECT_NEAR(inverse.distance(b[i]), 1 / ((1 - share) / 2 + share / 6), 1e-5);
+      EXPECT_NEAR(uniform.normalised(a[i]), share, 1e-6);
+      EXPECT_NEAR(inverse.normalised(b[i]), share, 1e-6);
+    }
+  }
+}
+
+// One draw in each stratum, over its whole width.
+TEST(IntervalSampler, JitterStaysInItsStratum) {
+  IntervalSampler sampler(options_of(Resampling::kCoarseFine, Spacing::kUniform), 0, 31);
+  Floats least(32, 100.0f), most(32, -100.0f);
+  for (uint64_t seed = 0; seed < 400; ++seed) {
+    Random random(seed, 0, 0);
+    const Floats t = first_level(sampler, &random);
+    for (size_t i = 0; i < t.size(); ++i) {
+      least[i] = std::min(least[i], t[i]);
+      most[i] = std::max(most[i], t[i]);
+    }
+  }
+  for (size_t i = 0; i < 32; ++i) {
+    const float at = static_cast<float>(i);
+    const float low = std::max(0.0f, at - 0.5f), high = std::min(31.0f, at + 0.5f);
+    EXPECT_GE(least[i], low);
+    EXPECT_LE(most[i], high);
+    // 400 draws miss the outer twentieth of a stratum with a chance of 1e-9.
+    EXPECT_LT(least[i], low + 0.05f);
+    EXPECT_GT(most[i], high - 0.05f);
+  }
+}
+
+// NeRF evaluates its fine network at the coarse positions too.
+TEST(IntervalSampler, CoarsePositionsAreMerged) {
+  IntervalSampler sampler(options_of(Resampling::kCoarseFine, Spacing::kUniform), 2, 6);
+  Random random(5, 0, 0);
+  const Floats coarse = first_level(sampler, &random);
+  const Floats all = next_level(sampler, 1, coarse, Floats(32, 0.1f), &random);
+  EXPECT_EQ(all.size(), 80u);
+  EXPECT_TRUE(std::includes(all.begin(), all.end(), coarse.begin(), coarse.end()));
+}
+
+// Nearly all samples go where the weight is.
+TEST(IntervalSampler, SamplesFollowTheWeights) {
+  for (Resampling resampling : kAll) {
+    IntervalSampler sampler(options_of(resampling, Spacing::kUniform), 2, 6);
+    const Floats coarse = first_level(sampler, nullptr);
+    Floats weights(32, 0.0f);
+    weights[20] = 1;
+    const Floats fine = next_level(sampler, 1, coarse, weights, nullptr);
+    // The bin, with half a neighbour that blurring and dilation may reach.
+    const float low = coarse[18], high = coarse[22];
+    const auto inside =
+        std::ranges::count_if(fine, [&](float entry) { return entry >= low && entry <= high; });
+    const float least = resampling == Resampling::kBlurred ? 0.6f : 0.95f;
+    const auto merged = resampling == Resampling::kCoarseFine ? 27 : 0;  // coarse ones elsewhere
+    EXPECT_GE(static_cast<float>(inside), least * static_cast<float>(fine.size() - merged));
+  }
+}
+
+TEST(IntervalSampler, NumbersOfSamples) {
+  IntervalOptions o = options_of(Resampling::kCoarseFine, Spacing::kUniform);
+  EXPECT_EQ(IntervalSampler(o, 2, 6).samples(0), 32);
+  EXPECT_EQ(IntervalSampler(o, 2, 6).samples(1), 80);
+  o.rounds = 0;
+  EXPECT_EQ(IntervalSampler(o, 2, 6).samples(0), 48);
+  o = options_of(Resampling::kProposal, Spacing::kInverse, 2);
+  const IntervalSampler proposal(o, 2, 6);
+  EXPECT_EQ(proposal.samples(0), 32);
+  EXPECT_EQ(proposal.samples(1), 32);
+  EXPECT_EQ(proposal.samples(2), 48);
+  EXPECT_EQ(proposal.posts(2), 49);
+  EXPECT_EQ(proposal.most_posts(), 49);
+}
+
+}  // namespace
+}  // namespace nerf

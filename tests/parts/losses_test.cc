@@ -1,0 +1,86 @@
+#include "nerf/parts/losses.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "golden/golden.h"
+#include "math/complex_step.h"
+#include "math/worst_error.h"
+#include "nerf/math/random.h"
+#include "nerf/math/reference/histogram_losses.h"
+
+namespace nerf {
+namespace {
+
+using Doubles = std::vector<double>;
+
+std::vector<float> floats(const Doubles& v, size_t from, size_t n) {
+  return {v.begin() + static_cast<ptrdiff_t>(from), v.begin() + static_cast<ptrdiff_t>(from + n)};
+}
+Doubles doubles(const std::vector<float>& v) { return {v.begin(), v.end()}; }
+
+// Sums in double of inputs that are floats: only the scale's product is rounded to float.
+constexpr double kSum = 1e-12;
+
+TEST(HistogramLosses, DistortionMatchesGoldenAndItsGradientTheTemplate) {
+  WorstError loss("distortion"), gradient("distortion_gradient");
+  for (const Doubles& v : golden_lines("sampling.txt", "distortion")) {
+    const size_t n = static_cast<size_t>(v[0]);
+    const auto s = floats(v, 1, n + 1), w = floats(v, n + 2, n);
+    const float scale = 0.25f;
+    std::vector<float> d(n, 1.0f);  // added to
+    loss.compare(distortion_loss(s, w, scale, d), 0.25 * v[2 * n + 2], kSum, "n", n);
+    const auto want = complex_step_gradient(
+        [&](const std::vector<Complex>& x) { return reference::distortion_loss(doubles(s), x); },
+        doubles(w));
+    for (size_t i = 0; i < n; ++i)
+      gradient.compare(d[i], 1 + 0.25 * want[i], 3 * kRoundoff * (1 + 0.25 * std::fabs(want[i])),
+                       "n", n, "bin", i);
+  }
+  loss.report();
+  gradient.report();
+}
+
+TEST(HistogramLosses, InterlevelMatchesGoldenAndItsGradientTheTemplate) {
+  WorstError loss("interlevel"), gradient("interlevel_gradient");
+  int active = 0;
+  for (const Doubles& v : golden_lines("sampling.txt", "interlevel")) {
+    const size_t n = static_cast<size_t>(v[0]), m = static_cast<size_t>(v[1]);
+    const auto s = floats(v, 2, n + 1), w = floats(v, n + 3, n);
+    const auto ps = floats(v, 2 * n + 3, m + 1), pw = floats(v, 2 * n + m + 4, m);
+    std::vector<float> d(m, 0.0f);
+    const double want = v[2 * n + 2 * m + 4];
+    loss.compare(interlevel_loss(s, w, ps, pw, 1, d), want, kSum + 1e-6 * want, "n", n, "m", m);
+    active += want > 0;
+    const auto slope = complex_step_gradient(
+        [&](const std::vector<Complex>& x) {
+          return reference::interlevel_loss(doubles(s), doubles(w), doubles(ps), x,
+                                            static_cast<double>(kInterlevelEpsilon));
+        },
+        doubles(pw));
+    // A proposal bin gets at most n terms, each rounded, added in float.
+    for (size_t j = 0; j < m; ++j)
+      gradient.compare(d[j], slope[j],
+                       rounding_bound(static_cast<double>(n) + 3) * std::fabs(slope[j]) + 1e-12,
+                       "n", n, "m", m, "bin", j);
+  }
+  EXPECT_GE(active, 5);
+  loss.report();
+  gradient.report();
+}
+
+// A proposal that is the histogram itself bounds it; one with less mass does not.
+TEST(HistogramLosses, AnEqualProposalCostsNothing) {
+  const std::vector<float> s{0, 0.25f, 0.5f, 1}, w{0.2f, 0.5f, 0.3f};
+  std::vector<float> d(3, 0.0f), less{0.1f, 0.25f, 0.15f};
+  EXPECT_EQ(interlevel_loss(s, w, s, w, 1, d), 0);
+  EXPECT_EQ(d, std::vector<float>(3, 0.0f));
+  const std::vector<float> apart{0, 0.2f, 0.3f, 1};
+  EXPECT_GT(interlevel_loss(s, w, s, std::vector<float>{0.1f, 0.1f, 0.1f}, 1, d), 0);
+  for (const float g : d) EXPECT_LE(g, 0);  // more mass lowers it
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,59 @@
+// For tests of the model layer, which does not see the table of methods: the papers' networks, and
+// the same structure in a size that a test can afford.
+#pragma once
+
+#include "nerf/model/network_options.h"
+
+namespace nerf::test {
+
+inline NetworkOptions nerf_options() { return {}; }
+
+inline NetworkOptions mipnerf_options() {
+  NetworkOptions o;
+  o.cast = Cast::kCone;
+  o.encoding = Encoding::kIntegrated;
+  o.position_degrees = 16;
+  o.sampling.resampling = Resampling::kBlurred;
+  o.sampling.coarse = o.sampling.fine = 128;
+  o.shared = true;
+  o.density = DensityActivation::kSoftplus;
+  o.density_bias = -1;
+  o.colour_padding = 0.001f;
+  return o;
+}
+
+inline NetworkOptions mipnerf360_options() {
+  NetworkOptions o = mipnerf_options();
+  o.space = Space::kContract;
+  o.encoding = Encoding::kOffAxis;
+  o.position_degrees = 12;
+  o.sampling.resampling = Resampling::kProposal;
+  o.sampling.spacing = Spacing::kInverse;
+  o.sampling.rounds = 2;
+  o.sampling.coarse = 64;
+  o.sampling.fine = 32;
+  o.sampling.padding = 0;
+  o.shared = false;
+  o.width = 1024;
+  o.proposal_depth = 4;
+  o.proposal_colour = false;
+  o.opaque_end = true;
+  o.initialisation = Initialisation::kHe;
+  return o;
+}
+
+inline NetworkOptions small_network(NetworkOptions o) {
+  o.depth = 3;
+  o.skip = 1;
+  o.width = o.proposal_width = 16;
+  o.bottleneck = 5;
+  o.view_width = 7;
+  o.proposal_depth = 2;
+  o.position_degrees = 2;
+  o.direction_degrees = 1;
+  o.sampling.coarse = 8;
+  o.sampling.fine = 8;
+  return o;
+}
+
+}  // namespace nerf::test

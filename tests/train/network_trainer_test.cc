@@ -1,0 +1,165 @@
+// Training of the paper methods, each in a size that takes milliseconds a step.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "nerf/train/evaluation.h"
+#include "nerf/train/methods.h"
+#include "nerf/train/run.h"
+#include "support/synthetic_scene.h"
+#include "support/temp_folder.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::bits_of;
+using test::error_of;
+using test::sphere_capture;
+
+TrainOptions small_options(const std::string& method, int64_t steps) {
+  TrainOptions o = method_options(method, Scale::kTiny);
+  o.steps = steps;
+  o.hold = 0.1;
+  o.rate = 5e-3;
+  o.warmup_steps = 8;
+  o.network.depth = o.network.proposal_depth = 3;
+  o.network.width = o.network.proposal_width = o.network.bottleneck = 32;
+  o.network.view_width = 16;
+  o.network.position_degrees = 4;
+  o.network.sampling.coarse = 16;
+  o.network.sampling.fine = 16;
+  o.recipe.rays = 96;
+  o.recipe.crop_steps = 3;
+  if (o.recipe.far > 0) o.recipe.far = 100;
+  return o;
+}
+
+// Every method but the grid's, which has tests of its own.
+class NetworkTraining : public ::testing::TestWithParam<std::string> {
+ protected:
+  static std::vector<uint8_t> bits_after(const test::SyntheticCapture& c, int threads,
+                                         const TrainOptions& options, int64_t steps) {
+    ThreadPool pool(threads);
+    Trainer trainer(c.scene, c.photos, options, pool);
+    for (int64_t i = 0; i < steps; ++i) trainer.step();
+    return bits_of(trainer);
+  }
+};
+
+TEST_P(NetworkTraining, ThreadsChangeNothing) {
+  const auto c = sphere_capture();
+  const auto one = bits_after(c, 1, small_options(GetParam(), 10), 6);
+  EXPECT_EQ(one, bits_after(c, 2, small_options(GetParam(), 10), 6));
+  EXPECT_EQ(one, bits_after(c, 3, small_options(GetParam(), 10), 6));
+}
+
+TEST_P(NetworkTraining, GoesOnBitForBit) {
+  const auto c = sphere_capture();
+  const TrainOptions options = small_options(GetParam(), 20);
+  test::TempFolder folder;
+  ThreadPool pool(2);
+  {
+    Trainer first(c.scene, c.photos, options, pool);
+    for (int i = 0; i < 8; ++i) first.step();
+    first.save_checkpoint(folder / "c");
+  }
+  Trainer second(c.scene, c.photos, options, pool);
+  second.step();  // what was there before must not matter
+  second.load_checkpoint(folder / "c");
+  EXPECT_EQ(second.steps_done(), 8);
+  for (int i = 0; i < 8; ++i) second.step();
+  EXPECT_EQ(bits_of(second), bits_after(c, 1, options, 16));
+  // A restart is a beginning.
+  second.restart(0, 1);
+  for (int i = 0; i < 4; ++i) second.step();
+  EXPECT_EQ(bits_of(second), bits_after(c, 1, options, 4));
+}
+
+TEST_P(NetworkTraining, LearnsTheSphere) {
+  const auto c = sphere_capture(24, 32);
+  ThreadPool pool(2);
+  TrainOptions options = small_options(GetParam(), 700);
+  Trainer trainer(c.scene, c.photos, options, pool);
+  StepReport first, last;
+  trainer.run([&](const StepReport& r) {
+    if (r.step == 1) first = r;
+    last = r;
+    return true;
+  });
+  EXPECT_LT(last.loss, first.loss);
+  EXPECT_EQ(last.rays, 96);
+  const NetworkOptions& n = options.network;
+  const int merged = n.sampling.resampling == Resampling::kCoarseFine ? n.sampling.coarse : 0;
+  EXPECT_EQ(last.samples, 96 * (n.sampling.rounds * n.sampling.coarse + n.sampling.fine + merged));
+  const RadianceField field = trainer.snapshot();
+  EXPECT_EQ(field.info().method, GetParam());
+  const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
+  // A white picture has 11 dB; three times as many steps reach 28 dB and more.
+  EXPECT_GT(e.psnr, 22);
+}
+
+// One photo a step: all rays begin at one camera, so that a photo without light leaves no colour.
+TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
+  const auto c = sphere_capture();
+  TrainOptions options = small_options(GetParam(), 10);
+  const auto usual = bits_after(c, 1, options, 3);
+  const auto differs = [&](auto change) {
+    TrainOptions other = options;
+    change(other);
+    return bits_after(c, 1, other, 3) != usual;
+  };
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.seed = 2; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.one_photo = !o.recipe.one_photo; }) ||
+              options.recipe.crop_steps >= 3);
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.crop = 0.25; }) ||
+              options.recipe.crop_steps == 0);
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.density_noise = 1; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.distortion += 0.5f; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.interlevel += 0.5f; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.clip = 1e-5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.near = 1; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.network.sampling.spacing = Spacing::kInverse; }) ||
+              options.network.sampling.spacing == Spacing::kInverse);
+}
+
+TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {
+  const TrainOptions small = small_options(GetParam(), 10);
+  const TrainOptions paper = method_options(GetParam(), Scale::kPaper);
+  const uint64_t few = training_memory_bytes(small, false, 1);
+  const uint64_t many = training_memory_bytes(paper, false, 2);
+  EXPECT_GT(many, few);
+  EXPECT_GT(many, training_memory_bytes(paper, false, 1));
+  // The paper's setting at its largest, mip-NeRF 360 on two threads.
+  EXPECT_LT(many, uint64_t{4} << 30);
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, NetworkTraining,
+                         ::testing::Values("nerf", "mipnerf", "mipnerf360"),
+                         [](const auto& info) { return info.param; });
+
+TEST(Methods, TheTableIsMadeFromTheOptionsThatBuildTheModels) {
+  const std::string table = methods_table();
+  for (const std::string& name : method_names()) EXPECT_NE(table.find(name), std::string::npos);
+  EXPECT_NE(table.find("8x256 + 8x256"), std::string::npos);
+  EXPECT_NE(table.find("64+64+32 inverse"), std::string::npos);
+  EXPECT_NE(table.find("off-axis 12/4"), std::string::npos);
+  const TrainOptions o = method_options("mipnerf360", Scale::kPaper);
+  EXPECT_EQ(o.network.position_degrees, 12);
+  EXPECT_EQ(o.network.sampling.fine, 32);
+  EXPECT_EQ(o.steps, 250000);
+}
+
+TEST(Methods, EveryPresetIsValid) {
+  for (const std::string& name : method_names())
+    for (Scale scale : {Scale::kTiny, Scale::kSmall, Scale::kPaper})
+      EXPECT_EQ(error_of([&] { validate_options(method_options(name, scale)); }), "") << name;
+}
+
+TEST(Methods, AnUnknownNameIsAnErrorWithAHint) {
+  EXPECT_TRUE(test::contains(error_of([] { method_options("mipnef", Scale::kTiny); }), "mipnerf"));
+}
+
+}  // namespace
+}  // namespace nerf
