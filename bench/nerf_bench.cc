@@ -15,7 +15,7 @@ constexpr const char* kHelp =
     "nerf_bench COMMAND [OPTIONS]\n"
     "  scene SCENE   trains with nerf_train and prints quality over time, throughput, rendering\n"
     "  render RUN    compares a run's held-out views with and without what rendering leaves out\n"
-    "  kernels       times the kernels (options of Google Benchmark)\n"
+    "  kernels       times the kernels beside what the machine reaches at most\n"
     "nerf_bench COMMAND --help says more.\n";
 
 int bench_main(int argc, char** argv) {

@@ -1,0 +1,78 @@
+// What the measurements of nerf_bench kernels share: timing, the machine's ceilings, the kernels as
+// a list of cases.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "nerf/base/aligned.h"
+#include "nerf/base/threads.h"
+
+namespace nerf::apps {
+
+// Uniform in [-0.5, 0.5).
+AlignedArray<float> noise(size_t n, uint64_t stream);
+
+// Duration of a call, seconds of wall clock.
+struct Timing {
+  double median = 0, least = 0;  // over the repetitions
+  double processors = 0;         // that the process had on average: below its threads, others ran
+};
+
+// Repeats run() for `seconds` in all, at least three times. The first call is not counted;
+// prepare() runs before each call, outside the clock.
+Timing time_calls(const std::function<void()>& prepare, const std::function<void()>& run,
+                  double seconds);
+
+// The most that the machine does, with the SIMD target in use and the pool's threads together.
+class Ceilings {
+ public:
+  // Measures all but the rates of random rows, each in `seconds`; the fastest repetition counts,
+  // since a ceiling is what can be reached. `stream` is an array far larger
+  // than the caches, with something written to each page.
+  Ceilings(ThreadPool& pool, const AlignedArray<float>& stream, double seconds);
+
+  double flops() const { return flops_; }    // f32 multiply-adds, FLOP/s
+  double stream() const { return stream_; }  // read in order from memory, bytes/s
+  double cached() const { return cached_; }  // read in order from 16 KB a thread, bytes/s
+  double random_rows(uint64_t table_bytes);  // reads of 16 bytes, rows/s; the size rounded up
+                                             // to a power of two. Measured when first asked.
+
+ private:
+  ThreadPool& pool_;
+  double seconds_;
+  double flops_ = 0, stream_ = 0, cached_ = 0;
+  std::map<uint64_t, double> random_rows_;
+};
+
+// A kernel with its arrays.
+struct KernelRun {
+  double work = 0;                           // of one run(), in the case's unit
+  std::function<double(Ceilings&)> ceiling;  // work per second
+  std::function<void(ThreadPool&)> run;
+  std::function<void()> prepare = [] {};
+};
+
+enum class Unit { kFlops, kBytes, kSamples };
+
+struct KernelCase {
+  std::string name;
+  Unit unit = Unit::kFlops;
+  std::string bound;                           // what its ceiling is
+  std::function<KernelRun(int threads)> make;  // for pools of at most so many threads
+};
+
+std::vector<KernelCase> network_cases();
+std::vector<KernelCase> grid_cases();
+std::vector<KernelCase> elementwise_cases();
+
+// Bounds of the cases.
+inline constexpr const char* kBoundFma = "FMA";
+inline constexpr const char* kBoundStream = "memory";
+inline constexpr const char* kBoundCached = "L1";
+inline constexpr const char* kBoundRows = "random rows";
+
+}  // namespace nerf::apps
