@@ -79,6 +79,9 @@ void ErrorBenchOptions::check_options() const {
   if (wants("skips") && run.empty() && !wants("training"))
     throw Error("the curve 'skips' needs a trained run", "--curves",
                 "give --run RUN, or the curve 'training' with SCENE");
+  if (wants("skips") && !run.empty() && !fs::exists(run / "model.nerf"))
+    throw Error("no model.nerf is there", run.string(),
+                "give the folder of a finished nerf_train as --run");
 }
 
 int bench_error(int argc, char** argv) {

@@ -9,8 +9,8 @@
 namespace nerf::apps {
 namespace {
 
-constexpr double kWidth = 820, kHeight = 470;
-constexpr double kLeft = 84, kTop = 48, kBottom = 62, kLegend = 200;  // margins
+constexpr double kWidth = 860, kHeight = 470;
+constexpr double kLeft = 84, kTop = 48, kBottom = 62, kLegend = 240;  // margins
 constexpr double kRight = kWidth - kLegend, kBase = kHeight - kBottom;
 constexpr double kLetter = 6.4, kLine = 13;  // of labels, pixels
 
@@ -66,7 +66,7 @@ std::string superscript(int n) {
 
 std::string tick_text(double v, bool log) {
   if (std::abs(v) < 1e-12) return "0";
-  if (log && (v < 9.9e-4 || v > 1.01e5)) {
+  if (log && (v < 9.9e-5 || v > 1.01e5)) {
     const int power = static_cast<int>(std::floor(std::log10(v) + 1e-9));
     const double factor = v / std::pow(10, power);
     const std::string ten = "10" + superscript(power);
@@ -194,8 +194,20 @@ class Drawing {
     for (const ChartPoint& p : s.points) {
       if (!drawable(p)) continue;
       const double x = x_.pixel(p.x), y = y_.pixel(p.y);
+      if (s.line && &p != &s.points.front()) keep_clear_of_line(*(&p - 1), p);
       taken_.push_back({x - 5, y - 5, x + 5, y + 5});
       out_ += marker(index, x, y);
+    }
+  }
+
+  void keep_clear_of_line(const ChartPoint& from, const ChartPoint& to) {
+    if (!drawable(from)) return;
+    const double x0 = x_.pixel(from.x), y0 = y_.pixel(from.y);
+    const double dx = x_.pixel(to.x) - x0, dy = y_.pixel(to.y) - y0;
+    const int pieces = 1 + static_cast<int>(std::hypot(dx, dy) / 4);
+    for (int i = 0; i < pieces; ++i) {
+      const double x = x0 + dx * i / pieces, y = y0 + dy * i / pieces;
+      taken_.push_back({x - 1.5, y - 1.5, x + 1.5, y + 1.5});
     }
   }
 
@@ -211,13 +223,13 @@ class Drawing {
     const double w = kLetter * static_cast<double>(p.label.size());
     Rectangle best{};
     double least = 1e30;
-    for (const double far : {8.0, 18.0})
+    for (const double far : {8.0, 16.0, 26.0})
       for (const auto& [dx, dy] :
            {std::pair{1, 0}, {-1, 0}, {0, -1}, {0, 1}, {1, -1}, {-1, -1}, {1, 1}, {-1, 1}}) {
         const double cx = x + dx * (far + w / 2) * (dy && dx ? 0.9 : 1);
         const double cy = y + dy * (far + kLine / 2);
         const Rectangle r{cx - w / 2, cy - kLine / 2, cx + w / 2, cy + kLine / 2};
-        double covered = far / 10;  // near places first
+        double covered = far / 2;  // near places first
         for (const Rectangle& t : taken_) covered += r.overlap(t);
         if (r.x0 < kLeft + 2 || r.x1 > kRight || r.y0 < kTop || r.y1 > kBase - 2) covered += 1e4;
         if (covered < least) {
@@ -227,7 +239,9 @@ class Drawing {
       }
     taken_.push_back(best);
     out_ += text_at((best.x0 + best.x1) / 2, best.y1 - 3, "middle", p.label,
-                    fmt::format("font-size=\"11\" fill=\"{}\"", colour));
+                    fmt::format("font-size=\"11\" fill=\"{}\" stroke=\"#ffffff\" "
+                                "stroke-width=\"3\" paint-order=\"stroke\"",
+                                colour));
   }
 
   void legend() {
@@ -251,17 +265,17 @@ class Drawing {
 
 std::vector<double> axis_ticks(double low, double high, bool log) {
   std::vector<double> ticks;
-  if (log) {
-    const double decades = std::log10(high / low);
+  const double decades = log ? std::log10(high / low) : 0;
+  if (decades > 0.4) {
+    const std::vector<double> factors = decades < 1.3   ? std::vector{1.0, 1.5, 2.0, 3.0, 5.0, 7.0}
+                                        : decades < 2.5 ? std::vector{1.0, 2.0, 5.0}
+                                                        : std::vector{1.0};
     const int every = std::max(1, static_cast<int>(std::ceil(decades / 8)));
-    const int first = static_cast<int>(std::floor(std::log10(low)));
     const int last = static_cast<int>(std::ceil(std::log10(high)));
-    for (int e = first; e <= last; ++e)
-      for (const double factor : {1.0, 2.0, 5.0}) {
-        if (factor > 1 && decades > 2.5) continue;
-        if (e % every != 0) continue;
+    for (int e = static_cast<int>(std::floor(std::log10(low))); e <= last; ++e)
+      for (const double factor : factors) {
         const double t = factor * std::pow(10, e);
-        if (t >= low && t <= high) ticks.push_back(t);
+        if (e % every == 0 && t >= low && t <= high) ticks.push_back(t);
       }
     return ticks;
   }

@@ -39,7 +39,7 @@ std::string svg_text(const Chart& chart);
 // `text` with what XML and HTML reserve escaped.
 std::string xml_escaped(const std::string& text);
 
-// Values at which an axis from low to high is labelled, within it: 1, 2 or 5 times powers of ten.
+// Values at which an axis from low to high is labelled, within it: round ones.
 std::vector<double> axis_ticks(double low, double high, bool log);
 
 }  // namespace nerf::apps

@@ -30,9 +30,9 @@ std::string csv_field(const std::string& text) {
 
 std::string csv_line(const std::vector<std::string>& fields) {
   std::string line;
-  for (const std::string& f : fields) {
-    if (!line.empty()) line += ',';
-    line += csv_field(f);
+  for (size_t i = 0; i < fields.size(); ++i) {
+    if (i > 0) line += ',';
+    line += csv_field(fields[i]);
   }
   return line + "\n";
 }

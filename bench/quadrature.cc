@@ -61,20 +61,25 @@ double sum_over(const Medium& medium, const std::vector<double>& borders,
   return light;
 }
 
-// Of each of n equal intervals the light that comes from it, and a share that keeps every place
-// within reach of a sample.
+// Of each of n equal intervals the light that comes from it, spread to the neighbours as mip-NeRF
+// does it (a face may stand in either), and a share that keeps every place within reach of a
+// sample.
 std::vector<double> coarse_mass(const Medium& medium, int n) {
   constexpr double kEverywhere = 0.05;
   const double width = (kFar - kNear) / n;
-  std::vector<double> mass(static_cast<size_t>(n));
+  std::vector<double> light(static_cast<size_t>(n) + 2, 0.0);  // empty space in front and behind
   double through = 1;
   for (int i = 0; i < n; ++i) {
     double density = 0, colour = 0;
     medium.evaluate(kNear + (i + 0.5) * width, density, colour);
     const double alpha = -std::expm1(-density * width);
-    mass[static_cast<size_t>(i)] = through * alpha + kEverywhere / n;
+    light[static_cast<size_t>(i) + 1] = through * alpha;
     through *= 1 - alpha;
   }
+  std::vector<double> mass;
+  for (size_t i = 1; i + 1 < light.size(); ++i)
+    mass.push_back(0.5 * (std::max(light[i - 1], light[i]) + std::max(light[i], light[i + 1])) +
+                   kEverywhere / n);
   return mass;
 }
 

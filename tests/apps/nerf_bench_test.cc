@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <set>
-#include <sstream>
 
 #include "blender_scene.h"
+#include "csv.h"
 #include "run_program.h"
 
 namespace nerf {
@@ -13,16 +13,11 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing_apps::expect_refused;
+using testing_apps::fields_of;
+using testing_apps::lines_of;
 using testing_apps::ProgramResult;
 using testing_apps::run_program;
 using testing_apps::TempFolder;
-
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) lines.push_back(line);
-  return lines;
-}
 
 TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
   TempFolder folder;
@@ -75,21 +70,6 @@ TEST(NerfBench, MistakesAreFoundBeforeAnythingIsWritten) {
   refused("--split", "tset");
 }
 
-// The fields of a line of CSV.
-std::vector<std::string> fields_of(const std::string& line) {
-  std::vector<std::string> fields(1);
-  bool quoted = false;
-  for (const char c : line) {
-    if (c == '"')
-      quoted = !quoted;
-    else if (c == ',' && !quoted)
-      fields.emplace_back();
-    else
-      fields.back() += c;
-  }
-  return fields;
-}
-
 TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
   TempFolder folder;
   const fs::path csv = folder.path() / "kernels.csv";
@@ -117,7 +97,7 @@ TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
     }
     return names;
   };
-  EXPECT_EQ(measured("64-16 "),
+  EXPECT_EQ(measured("linear 64-16"),
             (std::set<std::string>{"linear 64-16 forward", "linear 64-16 backward input",
                                    "linear 64-16 backward weights"}));
   EXPECT_EQ(measured("2^15 entries").size(), 2u);
