@@ -222,22 +222,26 @@ class Drawing {
     const double x = x_.pixel(p.x), y = y_.pixel(p.y);
     const double w = kLetter * static_cast<double>(p.label.size());
     Rectangle best{};
-    double least = 1e30;
+    double least = 1e30, distance = 0;
     for (const double far : {8.0, 16.0, 26.0})
       for (const auto& [dx, dy] :
            {std::pair{1, 0}, {-1, 0}, {0, -1}, {0, 1}, {1, -1}, {-1, -1}, {1, 1}, {-1, 1}}) {
         const double cx = x + dx * (far + w / 2) * (dy && dx ? 0.9 : 1);
         const double cy = y + dy * (far + kLine / 2);
         const Rectangle r{cx - w / 2, cy - kLine / 2, cx + w / 2, cy + kLine / 2};
-        double covered = far / 2;  // near places first
+        double covered = 2 * far;  // near places first
         for (const Rectangle& t : taken_) covered += r.overlap(t);
         if (r.x0 < kLeft + 2 || r.x1 > kRight || r.y0 < kTop || r.y1 > kBase - 2) covered += 1e4;
         if (covered < least) {
           least = covered;
           best = r;
+          distance = far;
         }
       }
     taken_.push_back(best);
+    if (distance > 8)  // so far off that it might be another point's
+      line(x, y, std::clamp(x, best.x0, best.x1), std::clamp(y, best.y0 + 2, best.y1 - 2),
+           fmt::format("stroke=\"{}\" stroke-width=\"0.8\"", colour));
     out_ += text_at((best.x0 + best.x1) / 2, best.y1 - 3, "middle", p.label,
                     fmt::format("font-size=\"11\" fill=\"{}\" stroke=\"#ffffff\" "
                                 "stroke-width=\"3\" paint-order=\"stroke\"",
@@ -279,7 +283,7 @@ std::vector<double> axis_ticks(double low, double high, bool log) {
       }
     return ticks;
   }
-  const double rough = (high - low) / 6;
+  const double rough = (high - low) / 8;
   const double power = std::pow(10, std::floor(std::log10(rough)));
   double step = 10 * power;
   for (const double factor : {5.0, 2.0, 1.0})

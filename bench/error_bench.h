@@ -26,6 +26,7 @@ struct ErrorBenchOptions {
   SplitChoice split = SplitChoice::kDev;
   int downscale = 1;
   int views = 4;
+  int repeats = 3;
   uint64_t seed = 1;
   int threads = 0;
   std::string filter;
@@ -48,6 +49,7 @@ struct ErrorBenchOptions {
     v("split", split, "dev, or test for final figures");
     v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
     v("views", views, "skips: held-out views, spread evenly; 0: all", at_least(0));
+    v("repeats", repeats, "skips: renderings of each view, whose median time counts", at_least(1));
     v("seed", seed, "of every random number");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
     v("filter", filter, "quadrature and skips: only rows whose name contains this",

@@ -118,11 +118,8 @@ class Skips {
     const Image8 truth = photo_over(photo, settings_[0].options.background);
     Frame whole;
     for (size_t i = 0; i < settings_.size(); ++i) {
-      const auto begin = std::chrono::steady_clock::now();
-      Frame f = render(field_, camera, pose, settings_[i].options, pool_);
-      const auto end = std::chrono::steady_clock::now();
       Measured& m = measured_[i];
-      m.seconds.push_back(std::chrono::duration<double>(end - begin).count());
+      Frame f = timed(camera, pose, settings_[i].options, m.seconds);
       m.add(f.statistics);
       if (i == 0) whole = f;
       for (size_t k = 0; k < f.rgb.size(); ++k) {
@@ -133,6 +130,19 @@ class Skips {
       const Image8 picture = to_8bit(ImageF{f.width, f.height, 3, std::move(f.rgb)});
       if (const auto p = psnr(truth, picture, photo.mask)) m.psnr.push_back(*p);
     }
+    // Again in turns, so that a slow while of the machine meets every setting.
+    for (int repeat = 1; repeat < options_.repeats; ++repeat)
+      for (size_t i = 0; i < settings_.size(); ++i)
+        timed(camera, pose, settings_[i].options, measured_[i].seconds);
+  }
+
+  Frame timed(const Camera& camera, const Pose& pose, const RenderOptions& options,
+              std::vector<double>& seconds) {
+    const auto begin = std::chrono::steady_clock::now();
+    Frame frame = render(field_, camera, pose, options, pool_);
+    const auto end = std::chrono::steady_clock::now();
+    seconds.push_back(std::chrono::duration<double>(end - begin).count());
+    return frame;
   }
 
   ErrorCurve report(size_t views, const Photo& photo) const {
@@ -185,9 +195,11 @@ class Skips {
   }
 
   std::string command(const Setting& s) const {
-    return fmt::format("nerf_bench error --curves skips --run {} --views {} --filter {} -o {}",
-                       shell_quoted(run_.string()), options_.views, shell_quoted(s.name),
-                       shell_quoted(options_.out.string()));
+    return fmt::format(
+        "nerf_bench error --curves skips --run {} --views {} --repeats {} --filter {} "
+        "-o {}",
+        shell_quoted(run_.string()), options_.views, options_.repeats, shell_quoted(s.name),
+        shell_quoted(options_.out.string()));
   }
 
   const ErrorBenchOptions& options_;

@@ -25,6 +25,11 @@ double processor_time() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
+// Where a thread leaves what it computed, in a cache line of its own.
+struct alignas(64) Sink {
+  float value = 0;
+};
+
 // Rounds of all threads per second. Each thread calls work(thread, rounds), with so many rounds
 // that they can be timed.
 double rate_per_round(ThreadPool& pool, double seconds,
@@ -74,40 +79,48 @@ Timing time_calls(const std::function<void()>& prepare, const std::function<void
   return {median(times), *std::min_element(times.begin(), times.end()), processor_seconds / sum};
 }
 
-Ceilings::Ceilings(ThreadPool& pool, const AlignedArray<float>& stream, double seconds)
-    : pool_(pool), seconds_(seconds) {
-  std::vector<float> sink(static_cast<size_t>(pool.size()) * kReadUnit);
-  const auto sink_of = [&](int64_t thread) { return &sink[static_cast<size_t>(thread) * 128]; };
-
+double Ceilings::flops() {
+  if (flops_ > 0) return flops_;
   constexpr int64_t kRounds = 1000;
-  const double flops_per_round = static_cast<double>(fma_loop(kRounds, sink_of(0)));
-  flops_ = flops_per_round * rate_per_round(pool, seconds, [&](int64_t thread, int64_t rounds) {
-             fma_loop(kRounds * rounds, sink_of(thread));
+  std::vector<Sink> sinks(static_cast<size_t>(pool_.size()));
+  const double flops_per_round = static_cast<double>(fma_loop(kRounds, &sinks[0].value));
+  flops_ = flops_per_round * rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
+             fma_loop(kRounds * rounds, &sinks[static_cast<size_t>(thread)].value);
            });
+  return flops_;
+}
 
-  constexpr int64_t kCached = (16 << 10) / sizeof(float);
-  cached_ =
-      kCached * sizeof(float) * rate_per_round(pool, seconds, [&](int64_t thread, int64_t rounds) {
-        const int64_t at =
-            std::min(thread * kCached, static_cast<int64_t>(stream.size()) - kCached);
-        for (int64_t r = 0; r < rounds; ++r)
-          *sink_of(thread) += read_loop(kCached, stream.data() + at / kReadUnit * kReadUnit);
-      });
+double Ceilings::cached() {
+  if (cached_ > 0) return cached_;
+  constexpr int64_t kFloats = (16 << 10) / sizeof(float);
+  const AlignedArray<float> arrays = noise(static_cast<size_t>(pool_.size() * kFloats), 1);
+  std::vector<Sink> sinks(static_cast<size_t>(pool_.size()));
+  cached_ = kFloats * sizeof(float) *
+            rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
+              float& sink = sinks[static_cast<size_t>(thread)].value;
+              for (int64_t r = 0; r < rounds; ++r)
+                sink += read_loop(kFloats, arrays.data() + thread * kFloats);
+            });
+  return cached_;
+}
 
-  // Every thread takes pieces of the array in turn, so that all of it passes once.
-  constexpr int64_t kPiece = 1 << 18;
-  const int64_t pieces = static_cast<int64_t>(stream.size()) / kPiece;
+double Ceilings::read(uint64_t bytes) {
+  double& rate = read_[bytes];
+  if (rate > 0) return rate;
+  constexpr int64_t kPiece = 1 << 16, kPage = 1024;  // floats
+  const int64_t pieces = std::max<int64_t>(1, static_cast<int64_t>(bytes / sizeof(float)) / kPiece);
+  AlignedArray<float> array(static_cast<size_t>(pieces * kPiece));
+  // Pages that nothing was written to are all the same one.
+  pool_.parallel_for(pieces * kPiece / kPage,
+                     [&](int64_t i) { array[static_cast<size_t>(i * kPage)] = 1; });
   std::vector<float> sums(static_cast<size_t>(pieces));
-  stream_ = static_cast<double>(pieces * kPiece) * sizeof(float) /
-            time_calls([] {},
-                       [&] {
-                         pool.parallel_for(pieces, [&](int64_t i) {
-                           sums[static_cast<size_t>(i)] =
-                               read_loop(kPiece, stream.data() + i * kPiece);
-                         });
-                       },
-                       seconds)
-                .least;
+  const auto run = [&] {
+    pool_.parallel_for(pieces, [&](int64_t i) {
+      sums[static_cast<size_t>(i)] = read_loop(kPiece, array.data() + i * kPiece);
+    });
+  };
+  rate = static_cast<double>(array.size() * sizeof(float)) / time_calls([] {}, run, seconds_).least;
+  return rate;
 }
 
 double Ceilings::random_rows(uint64_t table_bytes) {
@@ -116,10 +129,10 @@ double Ceilings::random_rows(uint64_t table_bytes) {
   if (rate > 0) return rate;
   const AlignedArray<float> table = noise(bytes / sizeof(float), 1);
   constexpr int64_t kReads = 1 << 12;
-  std::vector<float> sink(static_cast<size_t>(pool_.size()) * 128);
+  std::vector<Sink> sinks(static_cast<size_t>(pool_.size()));
   rate = kReads * rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
            const uint32_t salt = static_cast<uint32_t>(mix64(static_cast<uint64_t>(thread)));
-           sink[static_cast<size_t>(thread) * 128] += random_row_loop(
+           sinks[static_cast<size_t>(thread)].value += random_row_loop(
                static_cast<int64_t>(bytes / 16), table.data(), kReads * rounds, salt);
          });
   return rate;

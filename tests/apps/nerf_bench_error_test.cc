@@ -110,10 +110,16 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const fs::path out = folder.path() / "error";
   const ProgramResult result =
-      run_program(NERF_BENCH_PROGRAM, {"error", (folder.path() / "capture").string(), "--curves",
-                                       "training,skips,width", "--run", run.string(), "--minutes",
-                                       "0.01", "--tables", "12,14", "--widths", "16,32", "--steps",
-                                       "5", "--views", "1", "-o", out.string()});
+      run_program(NERF_BENCH_PROGRAM, {"error",     (folder.path() / "capture").string(),
+                                       "--curves",  "training,skips,width",
+                                       "--run",     run.string(),
+                                       "--minutes", "0.01",
+                                       "--tables",  "12,14",
+                                       "--widths",  "16,32",
+                                       "--steps",   "5",
+                                       "--views",   "1",
+                                       "--repeats", "1",
+                                       "-o",        out.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
 
   const std::vector<Row> training = rows_of(out / "training.csv");
@@ -170,7 +176,7 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   const fs::path again = folder.path() / "again";
   const ProgramResult one = run_program(
       NERF_BENCH_PROGRAM, {"error", "--curves", "skips", "--run", run.string(), "--views", "1",
-                           "--filter", "unshaded 1/64", "-o", again.string()});
+                           "--repeats", "1", "--filter", "unshaded 1/64", "-o", again.string()});
   ASSERT_EQ(one.exit_code, 0) << one.err;
   const std::vector<Row> same = rows_of(again / "skips.csv");
   ASSERT_EQ(same.size(), 2u);
@@ -201,6 +207,7 @@ TEST(NerfBenchError, MistakesAreFoundBeforeAnythingIsWritten) {
 TEST(Chart, TicksAreRoundAndWithinTheAxis) {
   using apps::axis_ticks;
   EXPECT_EQ(axis_ticks(0, 10, false), (std::vector<double>{0, 2, 4, 6, 8, 10}));
+  EXPECT_EQ(axis_ticks(-1, 1, false), (std::vector<double>{-1, -0.5, 0, 0.5, 1}));
   EXPECT_EQ(axis_ticks(1, 1000, true), (std::vector<double>{1, 10, 100, 1000}));
   for (const bool log : {false, true})
     for (const auto& [low, high] :
