@@ -4,11 +4,18 @@
 #include <filesystem>
 #include <vector>
 
+#include "nerf/io/scene.h"
+
 namespace nerf::apps {
 
 int bench_scene(int argc, char** argv);
 int bench_render(int argc, char** argv);
 int bench_kernels(int argc, char** argv);
+int bench_error(int argc, char** argv);
+
+// The held-out views of the capture that a run was trained on; `most_views` of them, spread evenly,
+// or all where that is 0. Other views are not in it.
+Scene held_out_scene(const std::filesystem::path& run, int most_views);
 
 // Renders the held-out views of a run (`views` of them, spread evenly; 0: all) with and without
 // everything that rendering leaves out and prints how long it took and how much they differ, from

@@ -1,149 +1,187 @@
-// Throughput of the kernels, single-threaded, in the shapes that the grid method calls them with.
-#include <benchmark/benchmark.h>
+// Throughput of the kernels beside what the machine reaches at most, both measured in one run.
+#include <fmt/format.h>
 
-#include <string>
+#include <algorithm>
+#include <cstdio>
+#include <memory>
 
 #include "app.h"
 #include "bench_commands.h"
-#include "nerf/base/aligned.h"
-#include "nerf/kernels/hash_grid.h"
-#include "nerf/kernels/linear.h"
-#include "nerf/math/random.h"
-#include "nerf/model/grid_field.h"
+#include "kernel_bench.h"
+#include "nerf/base/file.h"
+#include "nerf/kernels/simd.h"
+#include "options_cli.h"
 
 namespace nerf::apps {
 namespace {
 
-AlignedArray<float> noise(size_t n, uint64_t stream) {
-  AlignedArray<float> a(n);
-  Random random(7, stream, 0);
-  for (float& v : a) v = random.uniform() - 0.5f;
-  return a;
-}
+struct KernelBenchOptions {
+  double seconds = 0.2;
+  std::string filter;
+  int threads = 0;
+  int stream_mb = 1024;
+  std::filesystem::path csv;
 
-// One layer on one chunk: what forward, input gradient and weight gradient reach. FLOPs are
-// 2 x in x out x samples; padding does not count.
-struct Layer {
-  explicit Layer(const benchmark::State& state)
-      : in(static_cast<int>(state.range(0))),
-        out(static_cast<int>(state.range(1))),
-        x(noise(static_cast<size_t>(in) * kChunkSamples, 1)),
-        y(noise(static_cast<size_t>(out) * kChunkSamples, 2)),
-        dx(static_cast<size_t>(in) * kChunkSamples),
-        w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
-        dw(w.size()) {}
-  void finish(benchmark::State& state) const {
-    state.counters["FLOP/s"] =
-        benchmark::Counter(2.0 * in * out * kChunkSamples * static_cast<double>(state.iterations()),
-                           benchmark::Counter::kIsRate);
+  template <class V>
+  void visit_options(V& v) {
+    v("seconds", seconds, "length of each measurement, whose repetitions' median counts", above(0),
+      at_most(3600));
+    v("filter", filter, "only kernels whose name contains this", metavar("TEXT"));
+    v("threads", threads, "the most threads, measured beside one; 0 takes all processors",
+      at_least(0), at_most(1024));
+    v("stream_mb", stream_mb,
+      "array that the memory's bandwidth is read from, MB; far larger than the caches", at_least(1),
+      at_most(1 << 16));
+    v("csv", csv, "also writes the table, one line per measurement", metavar("FILE"));
   }
-  int in, out;
-  AlignedArray<float> x, y, dx, w, dw;
 };
 
-void layer_forward(benchmark::State& state) {
-  Layer l(state);
-  for (auto _ : state)
-    linear_forward(l.in, l.out, l.w.data(), nullptr, l.x.data(), l.y.data(), kChunkSamples,
-                   kChunkSamples, LinearActivation::kRelu);
-  l.finish(state);
+// One column of the table.
+struct Setting {
+  std::string target;
+  ThreadPool* pool;
+  std::unique_ptr<Ceilings> ceilings;
+};
+
+struct UnitText {
+  const char* name;
+  double scale;
+};
+
+UnitText unit_text(Unit unit) {
+  switch (unit) {
+    case Unit::kFlops:
+      return {"GFLOP/s", 1e-9};
+    case Unit::kBytes:
+      return {"GB/s", 1e-9};
+    case Unit::kSamples:
+      return {"M samples/s", 1e-6};
+  }
+  return {"", 1};
 }
 
-void layer_backward_input(benchmark::State& state) {
-  Layer l(state);
-  for (auto _ : state)
-    linear_backward_input(l.in, l.out, l.w.data(), l.y.data(), l.dx.data(), kChunkSamples,
-                          kChunkSamples, l.x.data());
-  l.finish(state);
+// Three significant digits without an exponent.
+std::string figure(double x) {
+  return fmt::format("{:.{}f}", x, x >= 99.95 ? 0 : x >= 9.995 ? 1 : 2);
 }
 
-void layer_backward_weights(benchmark::State& state) {
-  Layer l(state);
-  for (auto _ : state)
-    linear_backward_weights(l.in, l.out, l.y.data(), l.x.data(), kChunkSamples, kChunkSamples,
-                            l.dw.data(), nullptr);
-  l.finish(state);
-}
+class KernelBench {
+ public:
+  explicit KernelBench(const KernelBenchOptions& options)
+      : options_(options), one_(1), all_(options.threads) {}
 
-#define NERF_LAYERS Args({40, 64})->Args({64, 64})->Args({64, 16})->Args({64, 3})->Args({256, 256})
-BENCHMARK(layer_forward)->NERF_LAYERS;
-BENCHMARK(layer_backward_input)->NERF_LAYERS;
-BENCHMARK(layer_backward_weights)->NERF_LAYERS;
+  int run() {
+    std::vector<KernelCase> cases;
+    for (auto group : {network_cases, grid_cases, elementwise_cases})
+      for (KernelCase& c : group())
+        if (c.name.find(options_.filter) != std::string::npos) cases.push_back(std::move(c));
+    if (cases.empty())
+      throw Error("no kernel's name contains '" + options_.filter + "'", "--filter",
+                  "without it all are listed");
+    measure_ceilings();
+    print_header("kernel");
+    for (const KernelCase& c : cases) measure(c);
+    force_simd_target("");
+    if (least_share_ < 0.9)
+      log_warning(
+          fmt::format("other programs were running: a measurement had {:.0f} % of its "
+                      "processors' time; --csv names the share of each",
+                      100 * least_share_));
+    if (!options_.csv.empty()) write_file_atomically(options_.csv, csv_);
+    return kExitOk;
+  }
 
-// All levels of the default grid over samples along straight rays.
-struct Grid {
-  explicit Grid(const benchmark::State& state)
-      : shape(shape_of(static_cast<int>(state.range(0)))),
-        table(noise(shape.rows * kGridFeatures, 4)),
-        gradient(table.size()),
-        touched(shape.rows),
-        x(kSamples),
-        y(kSamples),
-        z(kSamples),
-        features(static_cast<size_t>(shape.features()) * kSamples) {
-    for (size_t s = 0; s < kSamples; s += 16) {
-      Random random(7, 5, s);
-      float p[3], d[3];
-      for (int k = 0; k < 3; ++k) {
-        p[k] = random.uniform();
-        d[k] = (random.uniform() - 0.5f) * 0.01f;
-      }
-      for (size_t i = s; i < s + 16; ++i) {
-        const float t = static_cast<float>(i - s);
-        x[i] = p[0] + t * d[0];
-        y[i] = p[1] + t * d[1];
-        z[i] = p[2] + t * d[2];
-      }
+ private:
+  void measure_ceilings() {
+    for (const std::string& target : simd_targets()) {
+      settings_.push_back({target, &one_, std::make_unique<Ceilings>(one_, seconds())});
+      if (all_.size() > 1)
+        settings_.push_back({target, &all_, std::make_unique<Ceilings>(all_, seconds())});
     }
+    print_header("ceiling");
+    ceiling_row("f32 multiply-adds", "GFLOP/s", [](Ceilings& c) { return c.flops() * 1e-9; });
+    ceiling_row("read in order, 16 KB a thread", "GB/s",
+                [](Ceilings& c) { return c.cached() * 1e-9; });
+    ceiling_row(fmt::format("read in order, {} MB", options_.stream_mb), "GB/s",
+                [this](Ceilings& c) {
+                  return c.read(static_cast<uint64_t>(options_.stream_mb) << 20) * 1e-9;
+                });
+    for (const uint64_t mb : {1, 8, 64})
+      ceiling_row(fmt::format("random rows of 16 bytes, {} MB", mb), "M rows/s",
+                  [=](Ceilings& c) { return c.random_rows(mb << 20) * 1e-6; });
+    std::printf("\n");
   }
-  static HashGridShape shape_of(int log2_entries) {
-    const GridOptions o;
-    return hash_grid_shape(o.levels, log2_entries, o.base_resolution, o.finest_resolution);
+
+  double seconds() const { return options_.seconds; }
+
+  void print_header(const char* first) const {
+    std::string titles = fmt::format("| {} | unit |", first), rule = "|---|---|";
+    for (const Setting& s : settings_) {
+      titles += fmt::format(" {}, {} thread{} |", s.target, s.pool->size(),
+                            s.pool->size() == 1 ? "" : "s");
+      rule += "---|";
+    }
+    std::printf("%s\n%s\n", titles.c_str(), rule.c_str());
+    std::fflush(stdout);
   }
-  static constexpr size_t kSamples = 1 << 15;
-  void finish(benchmark::State& state) const {
-    state.SetItemsProcessed(static_cast<int64_t>(kSamples) * state.iterations());
+
+  template <class Rate>
+  void ceiling_row(const std::string& name, const char* unit, const Rate& rate) {
+    std::string row = fmt::format("| {} | {} |", name, unit);
+    for (Setting& s : settings_) {
+      force_simd_target(s.target);
+      const double value = rate(*s.ceilings);
+      row += fmt::format(" {} |", figure(value));
+      csv_ += fmt::format("\"ceiling: {}\",{},{},{:.6g},{},,,,\n", name, s.target, s.pool->size(),
+                          value, unit);
+    }
+    std::printf("%s\n", row.c_str());
+    std::fflush(stdout);
   }
-  HashGridShape shape;
-  AlignedArray<float> table, gradient;
-  AlignedArray<uint8_t> touched;
-  AlignedArray<float> x, y, z, features;
+
+  void measure(const KernelCase& c) {
+    const KernelRun kernel = c.make(all_.size());
+    const UnitText unit = unit_text(c.unit);
+    std::string row = fmt::format("| {} | {}, {} |", c.name, unit.name, c.bound);
+    for (Setting& s : settings_) {
+      force_simd_target(s.target);
+      const double ceiling = kernel.ceiling(*s.ceilings);
+      const Timing timing = time_calls(kernel.prepare, [&] { kernel.run(*s.pool); }, seconds());
+      const double rate = kernel.work / timing.median;
+      const double share = timing.processors / s.pool->size();
+      least_share_ = std::min(least_share_, share);
+      row += fmt::format(" {} ({:.0f} %) |", figure(rate * unit.scale), 100 * rate / ceiling);
+      csv_ += fmt::format("\"{}\",{},{},{:.6g},{},{},{:.6g},{:.4g},{:.3g}\n", c.name, s.target,
+                          s.pool->size(), rate * unit.scale, unit.name, c.bound,
+                          ceiling * unit.scale, rate / ceiling, share);
+    }
+    std::printf("%s\n", row.c_str());
+    std::fflush(stdout);
+  }
+
+  const KernelBenchOptions& options_;
+  ThreadPool one_, all_;
+  std::vector<Setting> settings_;
+  double least_share_ = 1;
+  std::string csv_ = "kernel,target,threads,rate,unit,bound,ceiling,fraction,processor_share\n";
 };
-
-void grid_forward(benchmark::State& state) {
-  Grid g(state);
-  for (auto _ : state)
-    for (size_t l = 0; l < g.shape.levels.size(); ++l)
-      hash_grid_forward(g.shape.levels[l],
-                        g.table.data() + g.shape.levels[l].offset * kGridFeatures, g.x.data(),
-                        g.y.data(), g.z.data(), Grid::kSamples,
-                        g.features.data() + l * kGridFeatures * Grid::kSamples, Grid::kSamples);
-  g.finish(state);
-}
-
-void grid_backward(benchmark::State& state) {
-  Grid g(state);
-  g.features = noise(g.features.size(), 6);
-  for (auto _ : state)
-    for (size_t l = 0; l < g.shape.levels.size(); ++l)
-      hash_grid_backward(g.shape.levels[l], g.x.data(), g.y.data(), g.z.data(), Grid::kSamples,
-                         g.features.data() + l * kGridFeatures * Grid::kSamples, Grid::kSamples,
-                         g.gradient.data() + g.shape.levels[l].offset * kGridFeatures,
-                         g.touched.data() + g.shape.levels[l].offset);
-  g.finish(state);
-}
-
-BENCHMARK(grid_forward)->DenseRange(15, 19);
-BENCHMARK(grid_backward)->DenseRange(15, 19);
 
 }  // namespace
 
 int bench_kernels(int argc, char** argv) {
-  log_machine("nerf_bench kernels", 1, "f32");
-  benchmark::Initialize(&argc, argv);
-  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return kExitUser;
-  benchmark::RunSpecifiedBenchmarks();
-  return kExitOk;
+  KernelBenchOptions options;
+  const ProgramText text{
+      "nerf_bench kernels",
+      "Throughput of the kernels and the share of what the machine reaches at most.",
+      "FLOPs are 2 for each multiply-add of the unpadded layers, three times as many forward and\n"
+      "backward. A kernel's ceiling, named behind its unit, is measured in the same run with the\n"
+      "same instructions and threads. That of the hash grid takes every corner for a random row\n"
+      "of its level's table; neighbouring samples share corners, so more than 100 % can be.\n"
+      "Adam's bytes are read and written, against a ceiling of reading as much memory:\n"
+      "200 % where writing cost no more than reading."};
+  if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
+  log_machine("nerf_bench kernels", ThreadPool(options.threads).size(), "f32");
+  return KernelBench(options).run();
 }
 
 }  // namespace nerf::apps

@@ -22,23 +22,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The held-out views of the capture that the run was trained on, or some of them.
-Scene held_out_scene(const fs::path& run, int most_views) {
-  TrainCommand command;
-  const fs::path options = run / "options.json";
-  options_from_json(command, read_text_file(options), options.string());
-  command.out = run;  // where poses of a folder of photos already are
-  Scene scene = load_scene(command.scene, command.scene_options());
-  const size_t n = scene.test.size();
-  const size_t most = static_cast<size_t>(most_views);
-  const size_t take = most > 0 ? std::min(n, most) : n;
-  std::vector<View> views;
-  for (size_t i = 0; i < take; ++i)
-    views.push_back(scene.views[static_cast<size_t>(scene.test[(2 * i + 1) * n / (2 * take)])]);
-  scene.views = std::move(views);
-  return scene;
-}
-
 double mean(const std::vector<double>& values) {
   double sum = 0;
   for (const double v : values) sum += v;
@@ -60,6 +43,22 @@ struct RenderBenchOptions {
 
 }  // namespace
 
+Scene held_out_scene(const fs::path& run, int most_views) {
+  TrainCommand command;
+  const fs::path options = run / "options.json";
+  options_from_json(command, read_text_file(options), options.string());
+  command.out = run;  // where poses of a folder of photos already are
+  Scene scene = load_scene(command.scene, command.scene_options());
+  const size_t n = scene.test.size();
+  const size_t most = static_cast<size_t>(most_views);
+  const size_t take = most > 0 ? std::min(n, most) : n;
+  std::vector<View> views;
+  for (size_t i = 0; i < take; ++i)
+    views.push_back(scene.views[static_cast<size_t>(scene.test[(2 * i + 1) * n / (2 * take)])]);
+  scene.views = std::move(views);
+  return scene;
+}
+
 double median(std::vector<double> v) {
   std::sort(v.begin(), v.end());
   const size_t n = v.size();
@@ -76,6 +75,7 @@ void compare_rendering(const fs::path& run, int views, int threads) {
   skip.background = evaluation_background(scene.alpha);
   RenderOptions all = skip;
   all.unclipped = true;
+  all.unshaded = 0;
   std::vector<double> seconds, all_seconds, psnr_skip, psnr_all;
   double alike = kHighestPsnr, difference = 0;
   for (size_t i = 0; i < scene.views.size(); ++i) {

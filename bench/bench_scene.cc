@@ -3,18 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <cstdio>
+#include <limits>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "app.h"
 #include "bench_commands.h"
+#include "child_training.h"
+#include "lists.h"
 #include "nerf/base/file.h"
-#include "nerf/base/process.h"
 #include "options_cli.h"
 #include "train_options.h"
 
@@ -55,45 +54,13 @@ struct SceneBenchOptions {
     minutes_list();
     seeds_list();
   }
-  std::vector<double> minutes_list() const;
-  std::vector<uint64_t> seeds_list() const;
+  std::vector<double> minutes_list() const {
+    return positive_numbers(minutes, "--minutes", "2,6,15");
+  }
+  std::vector<uint64_t> seeds_list() const {
+    return whole_numbers(seeds, 0, std::numeric_limits<uint64_t>::max(), "--seeds", "1,2,3");
+  }
 };
-
-std::vector<std::string> parts_of(const std::string& list) {
-  std::vector<std::string> parts(1);
-  for (const char c : list) {
-    if (c == ',')
-      parts.emplace_back();
-    else
-      parts.back() += c;
-  }
-  return parts;
-}
-
-std::vector<double> SceneBenchOptions::minutes_list() const {
-  std::vector<double> out;
-  for (const std::string& part : parts_of(minutes)) {
-    char* end = nullptr;
-    const double value = std::strtod(part.c_str(), &end);
-    if (part.empty() || *end || !(value > 0) || !std::isfinite(value))
-      throw Error("'" + part + "' is not a number above 0", "--minutes", "for example 2,6,15");
-    out.push_back(value);
-  }
-  return out;
-}
-
-std::vector<uint64_t> SceneBenchOptions::seeds_list() const {
-  std::vector<uint64_t> out;
-  for (const std::string& part : parts_of(seeds)) {
-    uint64_t value = 0;
-    const char* end = part.data() + part.size();
-    const auto [stop, code] = std::from_chars(part.data(), end, value);
-    if (code != std::errc() || stop != end)
-      throw Error("'" + part + "' is not a whole number from 0", "--seeds", "for example 1,2,3");
-    out.push_back(value);
-  }
-  return out;
-}
 
 class SceneBench {
  public:
@@ -123,37 +90,24 @@ class SceneBench {
   }
 
   Json train(const std::string& name, double minutes, uint64_t seed, int threads) {
-    const fs::path folder = options_.out / name;
-    const fs::path self = fs::read_symlink("/proc/self/exe").parent_path() / "nerf_train";
-    const std::string program = fs::exists(self) ? self.string() : "nerf_train";
-    std::vector<std::string> command = {program,
-                                        options_.scene.string(),
-                                        "-o",
-                                        folder.string(),
-                                        "--overwrite",
-                                        "--minutes",
-                                        fmt::format("{}", minutes),
-                                        "--seed",
-                                        std::to_string(seed),
-                                        "--split",
-                                        split_name(),
-                                        "--threads",
-                                        std::to_string(threads)};
-    if (options_.downscale > 1) {
-      command.push_back("--downscale");
-      command.push_back(std::to_string(options_.downscale));
-    }
-    run_process_or_throw(command);
-    std::istringstream lines(read_text_file(folder / "metrics.jsonl"));
-    for (std::string line; std::getline(lines, line);) {
-      const Json j = Json::parse(line);
-      if (j.value("kind", "") == "evaluation")
-        curve_ +=
-            fmt::format("{},{},{:.1f},{},{:.3f},{:.4f},{}\n", name, seed,
-                        j["seconds"].get<double>(), j["step"].get<int64_t>(),
-                        j["psnr"].get<double>(), j["ssim"].get<double>(), j["views"].get<int>());
-    }
-    return Json::parse(read_text_file(folder / "result.json"));
+    std::vector<std::string> arguments = {options_.scene.string(),
+                                          "--minutes",
+                                          fmt::format("{}", minutes),
+                                          "--seed",
+                                          std::to_string(seed),
+                                          "--split",
+                                          split_name(),
+                                          "--threads",
+                                          std::to_string(threads)};
+    if (options_.downscale > 1)
+      arguments.insert(arguments.end(), {"--downscale", std::to_string(options_.downscale)});
+    const ChildTraining child = train_in_child(std::move(arguments), options_.out / name);
+    for (const Json& j : child.evaluations)
+      curve_ +=
+          fmt::format("{},{},{:.1f},{},{:.3f},{:.4f},{}\n", name, seed, j["seconds"].get<double>(),
+                      j["step"].get<int64_t>(), j["psnr"].get<double>(), j["ssim"].get<double>(),
+                      j["views"].get<int>());
+    return child.result;
   }
 
   void quality_row(double minutes) {

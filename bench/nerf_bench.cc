@@ -15,7 +15,8 @@ constexpr const char* kHelp =
     "nerf_bench COMMAND [OPTIONS]\n"
     "  scene SCENE   trains with nerf_train and prints quality over time, throughput, rendering\n"
     "  render RUN    compares a run's held-out views with and without what rendering leaves out\n"
-    "  kernels       times the kernels (options of Google Benchmark)\n"
+    "  kernels       times the kernels beside what the machine reaches at most\n"
+    "  error [SCENE] curves of cost against error: quadrature, training, rendering, width\n"
     "nerf_bench COMMAND --help says more.\n";
 
 int bench_main(int argc, char** argv) {
@@ -31,7 +32,8 @@ int bench_main(int argc, char** argv) {
   if (command == "scene") return bench_scene(argc - 1, argv + 1);
   if (command == "render") return bench_render(argc - 1, argv + 1);
   if (command == "kernels") return bench_kernels(argc - 1, argv + 1);
-  const std::vector<std::string> known = {"scene", "render", "kernels"};
+  if (command == "error") return bench_error(argc - 1, argv + 1);
+  const std::vector<std::string> known = {"scene", "render", "kernels", "error"};
   throw Error("unknown command '" + command + "'", "", nearest_name_hint(command, known));
 }
 

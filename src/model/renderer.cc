@@ -68,6 +68,8 @@ class TileRenderer {
     shade();
   }
 
+  const RenderStatistics& statistics() const { return statistics_; }  // of all tiles
+
  private:
   static SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
     SamplerOptions s = field.options.sampler;
@@ -105,6 +107,8 @@ class TileRenderer {
     }
     const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
                                          : sampler_.sample(ray, nullptr, true, samples_);
+    ++statistics_.rays;
+    statistics_.segments += static_cast<int64_t>(sampler_.segments().size());
     if (count == 0) {
       finish(state);
       return;
@@ -167,14 +171,14 @@ class TileRenderer {
            chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
     const float* density = chunk_.data(tape_.density);
-    const float most_unshaded = options_.unclipped ? 0 : options_.unshaded;
+    statistics_.density_evaluations += samples_used_;
     for (int r = 0; r < rays_; ++r) {
       PixelState& state = states_[static_cast<size_t>(r)];
       for (int i = ray_begin_[static_cast<size_t>(r)]; i < ray_begin_[static_cast<size_t>(r) + 1];
            ++i) {
         const float alpha = -std::expm1(-density[i] * delta[i]);
         const float w = state.transmittance * alpha;
-        if (state.unshaded + w <= most_unshaded)
+        if (state.unshaded + w <= options_.unshaded)
           state.unshaded += w;
         else
           add_shaded(state.pixel, r, i, w);
@@ -213,6 +217,7 @@ class TileRenderer {
   void shade() {
     if (shaded_ == 0) return;
     shaded_begin_[static_cast<size_t>(shaded_rays_)] = shaded_;
+    statistics_.colour_evaluations += shaded_;
     shading_.samples = shaded_;
     shading_.rays = shaded_rays_;
     shading_.ray_begin = shaded_begin_.data();
@@ -258,6 +263,7 @@ class TileRenderer {
   int shaded_ = 0, shaded_rays_ = 0;
   Frame* frame_ = nullptr;
   double unit_ = 1;
+  RenderStatistics statistics_;
 };
 
 }  // namespace
@@ -297,6 +303,13 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
       progress(static_cast<double>(++done) / (columns * rows));
     }
   });
+  for (const auto& renderer : renderers) {
+    if (!renderer) continue;  // of a thread that came too late for a tile
+    frame.statistics.rays += renderer->statistics().rays;
+    frame.statistics.segments += renderer->statistics().segments;
+    frame.statistics.density_evaluations += renderer->statistics().density_evaluations;
+    frame.statistics.colour_evaluations += renderer->statistics().colour_evaluations;
+  }
   return frame;
 }
 

@@ -34,7 +34,10 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
   std::set<std::string> known = {"--help"};
   for (const Command& program :
        {Command{NERF_TRAIN_PROGRAM, "--help"}, Command{NERF_RENDER_PROGRAM, "--help"},
-        Command{NERF_BENCH_PROGRAM, "scene", "--help"}})
+        Command{NERF_BENCH_PROGRAM, "scene", "--help"},
+        Command{NERF_BENCH_PROGRAM, "render", "--help"},
+        Command{NERF_BENCH_PROGRAM, "kernels", "--help"},
+        Command{NERF_BENCH_PROGRAM, "error", "--help"}})
     known.merge(options_in(
         testing_apps::run_program(program[0], {program.begin() + 1, program.end()}).out));
   ASSERT_TRUE(known.contains("--grid-levels"));

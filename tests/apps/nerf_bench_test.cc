@@ -2,9 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <sstream>
+#include <set>
 
 #include "blender_scene.h"
+#include "csv.h"
 #include "run_program.h"
 
 namespace nerf {
@@ -12,16 +13,11 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing_apps::expect_refused;
+using testing_apps::fields_of;
+using testing_apps::lines_of;
 using testing_apps::ProgramResult;
 using testing_apps::run_program;
 using testing_apps::TempFolder;
-
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) lines.push_back(line);
-  return lines;
-}
 
 TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
   TempFolder folder;
@@ -72,6 +68,43 @@ TEST(NerfBench, MistakesAreFoundBeforeAnythingIsWritten) {
     refused("--minutes", minutes);
   for (const char* seeds : {"", "1,", "1.5", "-1", "one"}) refused("--seeds", seeds);
   refused("--split", "tset");
+}
+
+TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
+  TempFolder folder;
+  const fs::path csv = folder.path() / "kernels.csv";
+  const auto measured = [&](const std::string& filter) {
+    const ProgramResult result =
+        run_program(NERF_BENCH_PROGRAM, {"kernels", "--seconds", "1e-4", "--threads", "2",
+                                         "--stream-mb", "4", "--filter", filter, "--csv", csv});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_NE(result.out.find("| random rows of 16 bytes, 64 MB | M rows/s | "), std::string::npos)
+        << result.out;
+    const std::vector<std::string> lines = lines_of(testing_apps::read_text(csv));
+    std::set<std::string> names;
+    EXPECT_EQ(lines.empty() ? "" : lines[0],
+              "kernel,target,threads,rate,unit,bound,ceiling,fraction,processor_share");
+    for (size_t i = 1; i < lines.size(); ++i) {
+      const std::vector<std::string> fields = fields_of(lines[i]);
+      EXPECT_EQ(fields.size(), 9u) << lines[i];
+      if (fields.size() != 9) continue;
+      EXPECT_GT(std::stod(fields[3]), 0) << lines[i];
+      if (fields[0].rfind("ceiling: ", 0) == 0) continue;
+      EXPECT_NE(fields[0].find(filter), std::string::npos) << lines[i];
+      EXPECT_GT(std::stod(fields[6]), 0) << lines[i];
+      EXPECT_GT(std::stod(fields[7]), 0) << lines[i];
+      names.insert(fields[0]);
+    }
+    return names;
+  };
+  EXPECT_EQ(measured("linear 64-16"),
+            (std::set<std::string>{"linear 64-16 forward", "linear 64-16 backward input",
+                                   "linear 64-16 backward weights"}));
+  EXPECT_EQ(measured("2^15 entries").size(), 2u);
+  EXPECT_EQ(measured("Adam dense").size(), 1u);
+  EXPECT_EQ(measured("compositing").size(), 1u);
+  expect_refused(run_program(NERF_BENCH_PROGRAM, {"kernels", "--filter", "nothing of this name"}),
+                 "nerf_bench", {"--filter", "nothing of this name"});
 }
 
 TEST(NerfBench, SaysItsVersion) {

@@ -16,7 +16,9 @@ namespace {
 
 // Density exp(0) = 1 per engine unit everywhere in [-1, 1]^3, or where x > 0 alone; colour
 // sigmoid(0).
-RadianceField homogeneous_field(const Similarity& to_engine, bool half_empty = false) {
+// `level` is what the cache says of each cell.
+RadianceField homogeneous_field(const Similarity& to_engine, bool half_empty = false,
+                                uint8_t level = 30) {
   GridOptions options;
   options.levels = 1;
   options.log2_entries = 10;
@@ -24,7 +26,7 @@ RadianceField homogeneous_field(const Similarity& to_engine, bool half_empty = f
   options.hidden = 16;
   options.occupancy_side = 32;
   auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1);
-  std::vector<uint8_t> levels(grid->occupancy.levels().size(), 30);
+  std::vector<uint8_t> levels(grid->occupancy.levels().size(), level);
   for (size_t i = 0; half_empty && i < levels.size(); ++i)
     if (grid->occupancy.cell_corner(static_cast<int64_t>(i), 0).x < 0) levels[i] = 0;
   grid->occupancy.set_levels(levels);
@@ -117,6 +119,59 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
     most = std::max(most, missing);
   }
   EXPECT_GT(most, 0.02f);  // something was left out
+}
+
+// Each switch saves work of the kind that it is for, and the counts do not depend on threads.
+TEST(Render, CountsTheWorkThatEachSwitchSaves) {
+  // The cache says that a cell stops 0.6 of the light: the stop is reached within the box.
+  const RadianceField field = homogeneous_field(Similarity(), /*half_empty=*/false, 200);
+  Camera camera;
+  camera.model = CameraModel::kPinhole;
+  camera.width = camera.height = 40;
+  camera.params = {30, 30, 20, 20};
+  Pose pose;
+  pose.translation = {0.1, -0.2, -3};
+  ThreadPool one(1), two(2);
+  const auto work = [&](const RenderOptions& o) {
+    const RenderStatistics a = render(field, camera, pose, o, one).statistics;
+    const RenderStatistics b = render(field, camera, pose, o, two).statistics;
+    EXPECT_EQ(a.rays, b.rays);
+    EXPECT_EQ(a.segments, b.segments);
+    EXPECT_EQ(a.density_evaluations, b.density_evaluations);
+    EXPECT_EQ(a.colour_evaluations, b.colour_evaluations);
+    EXPECT_EQ(a.rays, camera.width * camera.height);
+    return a;
+  };
+  RenderOptions off;
+  off.unclipped = true;
+  off.unshaded = 0;
+  const RenderStatistics all = work(off);
+  EXPECT_EQ(all.density_evaluations, 4 * all.segments);
+  EXPECT_EQ(all.colour_evaluations, all.density_evaluations);
+
+  RenderOptions unshaded = off;
+  unshaded.unshaded = 0.125f;
+  EXPECT_EQ(work(unshaded).density_evaluations, all.density_evaluations);
+  EXPECT_LT(work(unshaded).colour_evaluations, all.colour_evaluations);
+
+  RenderOptions cache = off;
+  cache.unclipped = false;
+  cache.min_transmittance = 0;
+  const RenderStatistics cached = work(cache);
+  EXPECT_EQ(cached.segments, all.segments);
+  EXPECT_LT(cached.density_evaluations, all.density_evaluations);
+  EXPECT_EQ(cached.colour_evaluations, cached.density_evaluations);
+
+  RenderOptions stop = cache;
+  stop.min_transmittance = 1e-6f;
+  const int64_t stopped = work(stop).segments;
+  EXPECT_LT(stopped, cached.segments);
+  stop.min_transmittance = 1e-4f;
+  EXPECT_LT(work(stop).segments, stopped);
+
+  RenderOptions few = cache;
+  few.sample_factor = 0.5f;
+  EXPECT_LT(work(few).density_evaluations, cached.density_evaluations);
 }
 
 // Density 1 per engine unit is `scale` per input unit, whatever the direction; sigmoid(0) is a

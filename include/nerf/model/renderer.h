@@ -1,6 +1,7 @@
 // New views of a trained model.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <optional>
 #include <vector>
@@ -16,11 +17,19 @@ class RadianceField;
 
 struct RenderOptions {
   Vec3 background{1, 1, 1};         // sRGB; seen where alpha < 1
-  bool unclipped = false;           // true samples every occupied cell, whatever is cached of it
+  bool unclipped = false;           // true samples every occupied cell, whatever is cached of it,
+                                    // without min_transmittance and sample_factor
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
   float min_transmittance = 1e-6f;  // a ray stops where the cached density lets less through
   float unshaded = 1.0f / 1024;     // share of a pixel's light whose colour may be left out
   float sample_factor = 1.5f;       // network samples of a ray, against those of the last steps
+};
+
+// The work of a picture, the same for any number of threads.
+struct RenderStatistics {
+  int64_t rays = 0;      // marched: those of pixels that the lens and the box of the options cover
+  int64_t segments = 0;  // passages of rays through occupied cells
+  int64_t density_evaluations = 0, colour_evaluations = 0;  // network samples
 };
 
 // All images row by row from the top, one value (or three) per pixel.
@@ -29,6 +38,7 @@ struct Frame {
   std::vector<float> rgb;      // 3 per pixel, sRGB, background composited in
   std::vector<float> alpha;    // opacity in [0, 1]
   std::vector<float> depth_z;  // median depth along the optical axis, input unit; 0 where nothing
+  RenderStatistics statistics{};
 };
 
 // Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates,

@@ -1,0 +1,31 @@
+#include "child_training.h"
+
+#include <sstream>
+
+#include "app.h"
+#include "nerf/base/file.h"
+#include "nerf/base/process.h"
+
+namespace nerf::apps {
+
+namespace fs = std::filesystem;
+
+ChildTraining train_in_child(std::vector<std::string> arguments, const fs::path& folder) {
+  arguments.insert(arguments.end(), {"-o", folder.string(), "--overwrite"});
+  ChildTraining out;
+  out.command = "nerf_train";
+  for (const std::string& a : arguments) out.command += " " + shell_quoted(a);
+
+  const fs::path self = fs::read_symlink("/proc/self/exe").parent_path() / "nerf_train";
+  arguments.insert(arguments.begin(), fs::exists(self) ? self.string() : "nerf_train");
+  run_process_or_throw(arguments);
+  std::istringstream lines(read_text_file(folder / "metrics.jsonl"));
+  for (std::string line; std::getline(lines, line);) {
+    nlohmann::json j = nlohmann::json::parse(line);
+    if (j.value("kind", "") == "evaluation") out.evaluations.push_back(std::move(j));
+  }
+  out.result = nlohmann::json::parse(read_text_file(folder / "result.json"));
+  return out;
+}
+
+}  // namespace nerf::apps

@@ -1,0 +1,22 @@
+// Trainings as separate runs of nerf_train, with no other option than a table names.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace nerf::apps {
+
+struct ChildTraining {
+  nlohmann::json result;                    // result.json
+  std::vector<nlohmann::json> evaluations;  // lines of metrics.jsonl
+  std::string command;                      // the same training by hand
+};
+
+// Runs the nerf_train that stands beside this program (or the one in PATH) with the arguments and
+// `-o folder --overwrite`. Throws Error where it fails.
+ChildTraining train_in_child(std::vector<std::string> arguments,
+                             const std::filesystem::path& folder);
+
+}  // namespace nerf::apps

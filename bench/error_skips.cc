@@ -1,0 +1,220 @@
+// What each thing that rendering leaves out saves, and what it costs the picture.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "app.h"
+#include "bench_commands.h"
+#include "error_bench.h"
+#include "nerf/io/photos.h"
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+#include "nerf/train/evaluation.h"
+#include "nerf/train/metrics.h"
+
+namespace nerf::apps {
+namespace {
+
+struct Setting {
+  std::string series, name, label;
+  RenderOptions options;
+};
+
+// Everything that can be switched off is.
+RenderOptions every_skip_off() {
+  RenderOptions o;
+  o.unclipped = true;
+  o.min_transmittance = 0;
+  o.unshaded = 0;
+  return o;
+}
+
+// Each switch alone, and all together. The stop and the number of samples exist only where samples
+// follow the cache, so they are compared with that alone.
+std::vector<Setting> settings() {
+  const RenderOptions off = every_skip_off(), usual;
+  std::vector<Setting> all = {{"every skip off", "every skip off", "", off}};
+  for (const int share : {1024, 256, 64}) {
+    RenderOptions o = off;
+    o.unshaded = 1.0f / static_cast<float>(share);
+    const std::string text = fmt::format("unshaded 1/{}", share);
+    all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
+  }
+  RenderOptions cache = off;
+  cache.unclipped = false;
+  cache.sample_factor = usual.sample_factor;
+  for (const float factor : {4.0f, 2.0f, 1.5f, 1.0f, 0.5f}) {
+    RenderOptions o = cache;
+    o.sample_factor = factor;
+    all.push_back({"cache alone", fmt::format("cache, factor {}", factor),
+                   fmt::format("factor {}", factor), o});
+  }
+  for (const int power : {6, 4, 3}) {
+    RenderOptions o = cache;
+    o.min_transmittance = static_cast<float>(std::pow(10, -power));
+    all.push_back({"cache and stop", fmt::format("cache, stop 1e-{}", power),
+                   fmt::format("stop 1e-{}", power), o});
+  }
+  for (const float factor : {2.0f, 1.5f, 1.0f, 0.5f}) {
+    RenderOptions o;
+    o.sample_factor = factor;
+    const bool is_usual = factor == usual.sample_factor;
+    all.push_back({"together", fmt::format("together, factor {}", factor),
+                   is_usual ? fmt::format("default, {}", factor) : fmt::format("{}", factor), o});
+  }
+  return all;
+}
+
+// What was measured of one setting, over all views.
+struct Measured {
+  std::vector<double> seconds, psnr;
+  double square_sum = 0;  // difference from the picture with every skip off
+  size_t values = 0;
+  RenderStatistics work;
+
+  void add(const RenderStatistics& s) {
+    work.rays += s.rays;
+    work.segments += s.segments;
+    work.density_evaluations += s.density_evaluations;
+    work.colour_evaluations += s.colour_evaluations;
+  }
+  double rms() const { return std::sqrt(square_sum / static_cast<double>(values)); }
+  double mean_psnr() const {
+    double sum = 0;
+    for (const double p : psnr) sum += p;
+    return sum / static_cast<double>(psnr.size());
+  }
+};
+
+class Skips {
+ public:
+  Skips(const ErrorBenchOptions& options, const std::filesystem::path& run, ThreadPool& pool)
+      : options_(options), run_(run), pool_(pool), field_(RadianceField::load(run / "model.nerf")) {
+    for (Setting& s : settings())
+      if (settings_.empty() || options.selected(s.name)) settings_.push_back(std::move(s));
+    measured_.resize(settings_.size());
+  }
+
+  ErrorCurve curve() {
+    const Scene scene = held_out_scene(run_, options_.views);
+    if (scene.views.empty())
+      throw Error("no photo was held out from this run", run_.string(),
+                  "give a run that was trained with --holdout split");
+    const PhotoSet photos = load_photos(scene, pool_);
+    const Vec3 background = evaluation_background(scene.alpha);
+    for (Setting& s : settings_) s.options.background = background;
+    // The first picture pays for memory that later ones find ready.
+    render(field_, photos.cameras[0], scene.views[0].pose, settings_[0].options, pool_);
+    for (size_t v = 0; v < scene.views.size(); ++v)
+      measure_view(photos.photos[v], photos.cameras[v], scene.views[v].pose);
+    if (measured_[0].psnr.empty())
+      throw Error("every held-out photo is masked out", run_.string(), "give another run");
+    return report(scene.views.size(), photos.photos[0]);
+  }
+
+ private:
+  void measure_view(const Photo& photo, const Camera& camera, const Pose& pose) {
+    const Image8 truth = photo_over(photo, settings_[0].options.background);
+    Frame whole;
+    for (size_t i = 0; i < settings_.size(); ++i) {
+      Measured& m = measured_[i];
+      Frame f = timed(camera, pose, settings_[i].options, m.seconds);
+      m.add(f.statistics);
+      if (i == 0) whole = f;
+      for (size_t k = 0; k < f.rgb.size(); ++k) {
+        const double d = static_cast<double>(f.rgb[k]) - static_cast<double>(whole.rgb[k]);
+        m.square_sum += d * d;
+      }
+      m.values += f.rgb.size();
+      const Image8 picture = to_8bit(ImageF{f.width, f.height, 3, std::move(f.rgb)});
+      if (const auto p = psnr(truth, picture, photo.mask)) m.psnr.push_back(*p);
+    }
+    // Again in turns, so that a slow while of the machine meets every setting.
+    for (int repeat = 1; repeat < options_.repeats; ++repeat)
+      for (size_t i = 0; i < settings_.size(); ++i)
+        timed(camera, pose, settings_[i].options, measured_[i].seconds);
+  }
+
+  Frame timed(const Camera& camera, const Pose& pose, const RenderOptions& options,
+              std::vector<double>& seconds) {
+    const auto begin = std::chrono::steady_clock::now();
+    Frame frame = render(field_, camera, pose, options, pool_);
+    const auto end = std::chrono::steady_clock::now();
+    seconds.push_back(std::chrono::duration<double>(end - begin).count());
+    return frame;
+  }
+
+  ErrorCurve report(size_t views, const Photo& photo) const {
+    const Measured& off = measured_[0];
+    const double off_seconds = median(off.seconds);
+    ErrorCurve curve;
+    curve.name = "skips";
+    curve.title = "Rendering: time against what the skips cost the picture";
+    curve.text = fmt::format(
+        "{} held-out views of {}, {}x{}, against the picture with every skip off (every occupied "
+        "cell sampled four times, no stop, every sample's colour computed: {:.2f} s, {:.2f} dB). "
+        "The stop and the number of samples exist only where samples follow the cached densities: "
+        "those points are with the default factor of samples, no stop and full shading but for "
+        "what their label says. Counts are sums over the views.",
+        views, run_.filename().string(), photo.width, photo.height, off_seconds, off.mean_psnr());
+    curve.table.columns = {
+        "setting",   "seconds", "speedup",  "rms_difference",      "psnr",
+        "psnr_loss", "rays",    "segments", "density_evaluations", "colour_evaluations",
+        "command"};
+    Chart difference, loss;
+    difference.name = "skips_difference";
+    difference.title = "Difference from the picture with every skip off";
+    difference.y = {"RMS difference of a colour (0 to 1)", true, {}};
+    loss.name = "skips_psnr";
+    loss.title = "Loss of PSNR against the photos";
+    loss.y = {"PSNR lost against every skip off, dB", false, {}};
+    for (Chart* chart : {&difference, &loss}) {
+      chart->x = {"seconds per picture", true, {}};
+      chart->x_mark = off_seconds;
+      chart->x_mark_label = "every skip off";
+    }
+    for (size_t i = 0; i < settings_.size(); ++i) {
+      const Setting& s = settings_[i];
+      const Measured& m = measured_[i];
+      const double seconds = median(m.seconds), lost = off.mean_psnr() - m.mean_psnr();
+      curve.table.rows.push_back(
+          {s.name, fmt::format("{:.4f}", seconds), fmt::format("{:.2f}", off_seconds / seconds),
+           fmt::format("{:.3e}", m.rms()), fmt::format("{:.3f}", m.mean_psnr()),
+           fmt::format("{:.4f}", lost), std::to_string(m.work.rays),
+           std::to_string(m.work.segments), std::to_string(m.work.density_evaluations),
+           std::to_string(m.work.colour_evaluations), command(s)});
+      if (i == 0) continue;
+      if (difference.series.empty() || difference.series.back().name != s.series)
+        for (Chart* chart : {&difference, &loss}) chart->series.push_back({s.series, {}, true});
+      difference.series.back().points.push_back({seconds, m.rms(), s.label});
+      loss.series.back().points.push_back({seconds, lost, s.label});
+    }
+    curve.charts = {std::move(difference), std::move(loss)};
+    return curve;
+  }
+
+  std::string command(const Setting& s) const {
+    return fmt::format(
+        "nerf_bench error --curves skips --run {} --views {} --repeats {} --filter {} "
+        "-o {}",
+        shell_quoted(run_.string()), options_.views, options_.repeats, shell_quoted(s.name),
+        shell_quoted(options_.out.string()));
+  }
+
+  const ErrorBenchOptions& options_;
+  std::filesystem::path run_;
+  ThreadPool& pool_;
+  RadianceField field_;
+  std::vector<Setting> settings_;
+  std::vector<Measured> measured_;
+};
+
+}  // namespace
+
+ErrorCurve skips_curve(const ErrorBenchOptions& options, const std::filesystem::path& run,
+                       ThreadPool& pool) {
+  return Skips(options, run, pool).curve();
+}
+
+}  // namespace nerf::apps

@@ -1,0 +1,138 @@
+// Quality against time of training for several table sizes, and against the networks' width.
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "app.h"
+#include "child_training.h"
+#include "error_bench.h"
+
+namespace nerf::apps {
+namespace {
+
+const std::vector<std::string> kColumns = {
+    "seconds", "steps", "psnr", "ssim", "samples_per_second", "peak_memory_mb", "command"};
+
+// A training with options of its own behind those that all share.
+ChildTraining train(const ErrorBenchOptions& options, const std::string& name,
+                    const std::vector<std::string>& own) {
+  std::vector<std::string> arguments = {options.scene.string(),
+                                        "--split",
+                                        options.split == SplitChoice::kDev ? "dev" : "test",
+                                        "--seed",
+                                        std::to_string(options.seed),
+                                        "--threads",
+                                        std::to_string(options.threads),
+                                        "--eval-every",
+                                        "0",
+                                        "--checkpoint-every",
+                                        "0"};
+  if (options.downscale > 1)
+    arguments.insert(arguments.end(), {"--downscale", std::to_string(options.downscale)});
+  arguments.insert(arguments.end(), own.begin(), own.end());
+  log_info("training " + name);
+  ChildTraining out = train_in_child(std::move(arguments), options.out / "runs" / name);
+  if (out.result["psnr"].is_null())
+    throw Error("no photo is held out, so that nothing can be measured", options.scene.string(),
+                "--split test holds out others than --split dev");
+  return out;
+}
+
+double number(const ChildTraining& t, const char* name) { return t.result[name].get<double>(); }
+
+// The cells of kColumns.
+std::vector<std::string> row_of(std::vector<std::string> lead, const ChildTraining& t) {
+  const std::vector<std::string> cells = {
+      fmt::format("{:.2f}", number(t, "seconds")),
+      fmt::format("{:.0f}", number(t, "steps")),
+      fmt::format("{:.3f}", number(t, "psnr")),
+      t.result["ssim"].is_null() ? "" : fmt::format("{:.4f}", number(t, "ssim")),
+      fmt::format("{:.0f}", number(t, "samples_per_second")),
+      fmt::format("{:.0f}", number(t, "peak_memory_bytes") / (1 << 20)),
+      t.command};
+  lead.insert(lead.end(), cells.begin(), cells.end());
+  return lead;
+}
+
+std::vector<std::string> columns(std::vector<std::string> lead) {
+  lead.insert(lead.end(), kColumns.begin(), kColumns.end());
+  return lead;
+}
+
+std::string split_text(const ErrorBenchOptions& options) {
+  return options.split == SplitChoice::kDev ? "development views" : "test views";
+}
+
+}  // namespace
+
+ErrorCurve training_curve(const ErrorBenchOptions& options, std::filesystem::path& last_run) {
+  ErrorCurve curve;
+  curve.name = "training";
+  curve.title = "Training: PSNR against seconds, for each size of the tables";
+  curve.text = fmt::format(
+      "Mean PSNR of the {} of {}. Every point is a training of its own, planned for its budget; "
+      "seconds are those of training steps. A table has 2^N entries of 4 features at each of the "
+      "grid's resolutions.",
+      split_text(options), options.scene.filename().string());
+  curve.table.columns = columns({"log2_entries", "minutes"});
+  Chart chart;
+  chart.name = "training";
+  chart.title = "PSNR against time of training";
+  chart.x = {"seconds of training", true, {}};
+  chart.y = {"PSNR, dB", false, {}};
+  std::vector<double> budgets = options.minutes_list();
+  std::vector<int> tables = options.tables_list();
+  std::sort(budgets.begin(), budgets.end());
+  std::sort(tables.begin(), tables.end());
+  for (const int table : tables) {
+    ChartSeries series{fmt::format("2^{} entries", table), {}, true};
+    for (const double minutes : budgets) {
+      const std::string name = fmt::format("table{}_m{}", table, minutes);
+      const ChildTraining t = train(
+          options, name,
+          {"--grid-log2-entries", std::to_string(table), "--minutes", fmt::format("{}", minutes)});
+      series.points.push_back({number(t, "seconds"), number(t, "psnr"), ""});
+      curve.table.rows.push_back(row_of({std::to_string(table), fmt::format("{}", minutes)}, t));
+      last_run = options.out / "runs" / name;
+    }
+    chart.series.push_back(std::move(series));
+  }
+  curve.charts.push_back(std::move(chart));
+  return curve;
+}
+
+ErrorCurve width_curve(const ErrorBenchOptions& options) {
+  ErrorCurve curve;
+  curve.name = "width";
+  curve.title = "Networks: PSNR against width at the same number of steps";
+  curve.text = fmt::format(
+      "Mean PSNR of the {} of {} after {} steps each; the second chart shows what the width "
+      "costs.",
+      split_text(options), options.scene.filename().string(), options.steps);
+  curve.table.columns = columns({"width"});
+  Chart against_width, against_time;
+  against_width.name = "width";
+  against_width.title = fmt::format("PSNR after {} steps against width", options.steps);
+  against_width.x = {"width of the hidden layers", true, {}};
+  against_time.name = "width_seconds";
+  against_time.title = fmt::format("PSNR after {} steps against their time", options.steps);
+  against_time.x = {"seconds of training", false, {}};
+  against_width.y = against_time.y = {"PSNR, dB", false, {}};
+  ChartSeries by_width{fmt::format("{} steps", options.steps), {}, true}, by_time = by_width;
+  for (const int width : options.widths_list()) {
+    const ChildTraining t =
+        train(options, fmt::format("width{}", width),
+              {"--grid-hidden", std::to_string(width), "--steps", std::to_string(options.steps)});
+    by_width.points.push_back({static_cast<double>(width), number(t, "psnr"), ""});
+    by_time.points.push_back(
+        {number(t, "seconds"), number(t, "psnr"), fmt::format("width {}", width)});
+    against_width.x.ticks.push_back(width);
+    curve.table.rows.push_back(row_of({std::to_string(width)}, t));
+  }
+  against_width.series.push_back(std::move(by_width));
+  against_time.series.push_back(std::move(by_time));
+  curve.charts = {std::move(against_width), std::move(against_time)};
+  return curve;
+}
+
+}  // namespace nerf::apps

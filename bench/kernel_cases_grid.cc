@@ -1,0 +1,202 @@
+// The hash grid's lookup and scatter, and Adam.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "kernel_bench.h"
+#include "nerf/kernels/adam.h"
+#include "nerf/kernels/hash_grid.h"
+#include "nerf/math/random.h"
+#include "nerf/model/grid_field.h"
+
+namespace nerf::apps {
+namespace {
+
+HashGridShape shape_of(int log2_entries) {
+  const GridOptions o;
+  return hash_grid_shape(o.levels, log2_entries, o.base_resolution, o.finest_resolution);
+}
+
+// All levels of the default grid over one training batch, cut as a training step cuts it: forward
+// by level and sixteen chunks, backward by level.
+class Grid {
+ public:
+  static constexpr int64_t kChunks = (1 << 16) / kChunkSamples;
+  static constexpr int64_t kSamples = kChunks * kChunkSamples;
+
+  explicit Grid(int log2_entries, bool backward)
+      : shape_(shape_of(log2_entries)),
+        x_(kSamples),
+        y_(kSamples),
+        z_(kSamples),
+        features_(noise(static_cast<size_t>(shape_.features()) * kSamples, 6)) {
+    if (backward) {
+      gradient_ = AlignedArray<float>(shape_.rows * kGridFeatures);
+      touched_ = AlignedArray<uint8_t>(shape_.rows);
+    } else {
+      table_ = noise(shape_.rows * kGridFeatures, 4);
+    }
+    place_samples();
+  }
+
+  void forward(ThreadPool& pool) {
+    constexpr int64_t kChunksPerItem = 16;
+    constexpr int64_t kItems = (kChunks + kChunksPerItem - 1) / kChunksPerItem;
+    pool.parallel_for(levels() * kItems, [&](int64_t i) {
+      const int64_t l = i / kItems, first = i % kItems * kChunksPerItem;
+      const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
+      for (int64_t c = first; c < std::min(kChunks, first + kChunksPerItem); ++c)
+        hash_grid_forward(level, table_.data() + level.offset * kGridFeatures, x_.data() + at(c),
+                          y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),
+                          kChunkSamples);
+    });
+  }
+
+  void backward(ThreadPool& pool) {
+    pool.parallel_for(levels(), [&](int64_t i) {
+      const int64_t l = levels() - 1 - i;
+      const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
+      for (int64_t c = 0; c < kChunks; ++c)
+        hash_grid_backward(level, x_.data() + at(c), y_.data() + at(c), z_.data() + at(c),
+                           kChunkSamples, features(c, l), kChunkSamples,
+                           gradient_.data() + level.offset * kGridFeatures,
+                           touched_.data() + level.offset);
+    });
+  }
+
+  // Samples per second if every corner were a random row of its level's table.
+  static double ceiling(Ceilings& c, const HashGridShape& shape) {
+    double seconds = 0;
+    for (const HashGridLevel& level : shape.levels)
+      seconds += 8 / c.random_rows(uint64_t{level.entries} * kGridFeatures * sizeof(float));
+    return 1 / seconds;
+  }
+  const HashGridShape& shape() const { return shape_; }
+
+ private:
+  // Sixteen neighbours along each of many short stretches of rays.
+  void place_samples() {
+    constexpr int64_t kStretch = 16;
+    for (int64_t s = 0; s < kSamples; s += kStretch) {
+      Random random(7, 5, static_cast<uint64_t>(s));
+      float p[3], d[3];
+      for (int k = 0; k < 3; ++k) {
+        p[k] = random.uniform();
+        d[k] = (random.uniform() - 0.5f) * 0.01f;
+      }
+      for (int64_t i = s; i < s + kStretch; ++i) {
+        const float t = static_cast<float>(i - s);
+        x_[static_cast<size_t>(i)] = p[0] + t * d[0];
+        y_[static_cast<size_t>(i)] = p[1] + t * d[1];
+        z_[static_cast<size_t>(i)] = p[2] + t * d[2];
+      }
+    }
+  }
+  int64_t levels() const { return static_cast<int64_t>(shape_.levels.size()); }
+  static int64_t at(int64_t chunk) { return chunk * kChunkSamples; }
+  float* features(int64_t chunk, int64_t level) {
+    return features_.data() + (chunk * levels() + level) * kGridFeatures * kChunkSamples;
+  }
+
+  HashGridShape shape_;
+  AlignedArray<float> table_, gradient_;
+  AlignedArray<uint8_t> touched_;
+  AlignedArray<float> x_, y_, z_, features_;
+};
+
+KernelRun grid_run(int log2_entries, bool backward) {
+  auto grid = std::make_shared<Grid>(log2_entries, backward);
+  KernelRun run;
+  run.work = static_cast<double>(Grid::kSamples);
+  run.ceiling = [grid](Ceilings& c) { return Grid::ceiling(c, grid->shape()); };
+  run.run = [=](ThreadPool& pool) { backward ? grid->backward(pool) : grid->forward(pool); };
+  return run;
+}
+
+// The tables of the default grid, of whose rows every `every`th (at random) has a gradient. Bytes
+// are those of such rows: gradient, two moments and weights are read and written, and a counter.
+struct AdamRows {
+  AdamRows(int log2_entries, uint64_t every)
+      : rows(static_cast<int64_t>(shape_of(log2_entries).rows)),
+        gradient(noise(floats(), 1)),
+        m(floats()),
+        v(floats()),
+        weights(noise(floats(), 2)),
+        correction(2 * kBiasCorrections),
+        flags(static_cast<size_t>(rows)),
+        touched(flags.size()),
+        steps(flags.size()) {
+    bias_corrections(AdamStep(), correction.data());
+    Random random(7, 8, 0);
+    for (uint8_t& f : flags) f = random.below(every) == 0;
+    for (const uint8_t f : flags) with_gradient += f;
+  }
+  size_t floats() const { return 4 * static_cast<size_t>(rows); }
+  void run(ThreadPool& pool) {
+    constexpr int64_t kRows = 8192;
+    pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
+      const int64_t at = i * kRows;
+      adam_rows(AdamStep(), std::min(kRows, rows - at), touched.data() + at,
+                gradient.data() + 4 * at, m.data() + 4 * at, v.data() + 4 * at, steps.data() + at,
+                weights.data() + 4 * at, correction.data());
+    });
+  }
+  int64_t rows, with_gradient = 0;
+  AlignedArray<float> gradient, m, v, weights, correction;
+  AlignedArray<uint8_t> flags, touched;
+  AlignedArray<uint16_t> steps;
+};
+
+KernelRun adam_rows_run(uint64_t every) {
+  auto adam = std::make_shared<AdamRows>(GridOptions().log2_entries, every);
+  KernelRun run;
+  run.work = static_cast<double>(adam->with_gradient) * (2 * 4 * 16 + 2 * 2) +
+             static_cast<double>(adam->rows);
+  run.ceiling = [adam](Ceilings& c) { return c.read(4 * adam->floats() * sizeof(float)); };
+  run.prepare = [adam] { std::copy(adam->flags.begin(), adam->flags.end(), adam->touched.data()); };
+  run.run = [adam](ThreadPool& pool) { adam->run(pool); };
+  return run;
+}
+
+KernelRun adam_dense_run() {
+  constexpr int64_t kParameters = 1 << 22, kPiece = 1 << 14;
+  struct Arrays {
+    AlignedArray<float> gradient = noise(kParameters, 1), weights = noise(kParameters, 2);
+    AlignedArray<float> m{kParameters}, v{kParameters};
+  };
+  auto a = std::make_shared<Arrays>();
+  KernelRun run;
+  run.work = kParameters * 7.0 * sizeof(float);  // four arrays read, three written
+  run.ceiling = [](Ceilings& c) { return c.read(4 * kParameters * sizeof(float)); };
+  run.run = [a](ThreadPool& pool) {
+    pool.parallel_for(kParameters / kPiece, [&](int64_t i) {
+      const int64_t at = i * kPiece;
+      adam_dense(AdamStep(), 1000, kPiece, a->gradient.data() + at, a->m.data() + at,
+                 a->v.data() + at, a->weights.data() + at);
+    });
+  };
+  return run;
+}
+
+}  // namespace
+
+std::vector<KernelCase> grid_cases() {
+  std::vector<KernelCase> cases;
+  for (const bool backward : {false, true})
+    for (int log2_entries = 15; log2_entries <= 19; ++log2_entries)
+      cases.push_back({fmt::format("hash grid {}, 2^{} entries", backward ? "backward" : "forward",
+                                   log2_entries),
+                       Unit::kSamples, kBoundRows,
+                       [=](int) { return grid_run(log2_entries, backward); }});
+  cases.push_back({"Adam rows, all with a gradient", Unit::kBytes, kBoundRead,
+                   [](int) { return adam_rows_run(1); }});
+  cases.push_back({"Adam rows, a quarter with a gradient", Unit::kBytes, kBoundRead,
+                   [](int) { return adam_rows_run(4); }});
+  cases.push_back({"Adam dense, 2^22 parameters", Unit::kBytes, kBoundRead,
+                   [](int) { return adam_dense_run(); }});
+  return cases;
+}
+
+}  // namespace nerf::apps

@@ -1,0 +1,178 @@
+// The networks' kernels: single layers, and whole networks as a training step runs them.
+#include <fmt/format.h>
+
+#include <cstring>
+#include <memory>
+#include <numeric>
+
+#include "kernel_bench.h"
+#include "nerf/autodiff/operations.h"
+#include "nerf/autodiff/tape.h"
+#include "nerf/kernels/linear.h"
+#include "nerf/model/grid_field.h"
+
+namespace nerf::apps {
+namespace {
+
+constexpr int64_t kLayerSamples = 1 << 16;
+
+int64_t chunks_of(int64_t samples) { return (samples + kChunkSamples - 1) / kChunkSamples; }
+
+double fma_ceiling(Ceilings& c) { return c.flops(); }
+
+// A thread's chunk of one layer, which stays in its cache.
+struct LayerArrays {
+  LayerArrays(int in, int out)
+      : x(noise(static_cast<size_t>(in) * kChunkSamples, 1)),
+        y(noise(static_cast<size_t>(out) * kChunkSamples, 2)),
+        dx(x.size()),
+        w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
+        dw(w.size()) {}
+  AlignedArray<float> x, y, dx, w, dw;
+};
+
+using LayerKernel = void (*)(int in, int out, LayerArrays& a);
+
+void forward(int in, int out, LayerArrays& a) {
+  linear_forward(in, out, a.w.data(), nullptr, a.x.data(), a.y.data(), kChunkSamples, kChunkSamples,
+                 LinearActivation::kRelu);
+}
+void backward_input(int in, int out, LayerArrays& a) {
+  linear_backward_input(in, out, a.w.data(), a.y.data(), a.dx.data(), kChunkSamples, kChunkSamples,
+                        a.x.data());
+}
+void backward_weights(int in, int out, LayerArrays& a) {
+  linear_backward_weights(in, out, a.y.data(), a.x.data(), kChunkSamples, kChunkSamples,
+                          a.dw.data(), nullptr);
+}
+
+KernelRun layer_run(int in, int out, int threads, LayerKernel kernel) {
+  auto arrays = std::make_shared<std::vector<LayerArrays>>();
+  for (int i = 0; i < threads; ++i) arrays->emplace_back(in, out);
+  const int64_t chunks = kLayerSamples / kChunkSamples;
+  KernelRun run;
+  run.work = 2.0 * in * out * static_cast<double>(chunks * kChunkSamples);
+  run.ceiling = fma_ceiling;
+  run.run = [=](ThreadPool& pool) {
+    pool.parallel_for_thread(chunks, [&](int64_t, int thread) {
+      kernel(in, out, (*arrays)[static_cast<size_t>(thread)]);
+    });
+  };
+  return run;
+}
+
+// ReLU layers with a linear last one, on a tape as the model records it.
+class Network {
+ public:
+  Network(const std::vector<int>& widths, int64_t samples, bool backward, int threads)
+      : samples_(samples), backward_(backward) {
+    size_t size = 0;
+    for (size_t l = 0; l + 1 < widths.size(); ++l) {
+      const LinearWeights w{size, widths[l], widths[l + 1]};
+      size += w.size();
+      layers_.push_back(w);
+    }
+    input_ = tape_.input(widths.front(), Domain::kSamples, backward);
+    output_ = mlp(tape_, input_, layers_);
+    tape_.plan();
+    weights_ = AlignedArray<float>(size);
+    for (const LinearWeights& w : layers_) {
+      const AlignedArray<float> random = noise(static_cast<size_t>(w.in) * w.out, w.offset);
+      const float scale = 2 * std::sqrt(6.0f / static_cast<float>(w.in));
+      for (int j = 0; j < w.out; ++j)
+        for (int k = 0; k < w.in; ++k)
+          weights_[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
+              scale * random[static_cast<size_t>(j * w.in + k)];
+    }
+    const size_t floats = static_cast<size_t>(chunks_of(samples)) * in_floats();
+    features_ = noise(floats, 4);
+    if (backward) d_features_ = AlignedArray<float>(floats);
+    d_output_ = noise(static_cast<size_t>(widths.back()) * kChunkSamples, 5);
+    for (int i = 0; i < threads; ++i) {
+      chunks_.push_back(std::make_unique<Chunk>(tape_));
+      gradients_.emplace_back(size);
+      chunks_.back()->weights = weights_.data();
+      chunks_.back()->weight_gradient = gradients_.back().data();
+    }
+  }
+
+  double flops() const {
+    double multiply_adds = 0;
+    for (const LinearWeights& w : layers_) multiply_adds += static_cast<double>(w.in) * w.out;
+    return 2 * (backward_ ? 3 : 1) * multiply_adds * static_cast<double>(samples_);
+  }
+
+  void run(ThreadPool& pool) {
+    pool.parallel_for_thread(chunks_of(samples_), [&](int64_t c, int thread) {
+      Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
+      chunk.samples =
+          static_cast<int>(std::min<int64_t>(kChunkSamples, samples_ - c * int64_t{kChunkSamples}));
+      const size_t at = static_cast<size_t>(c) * in_floats(), bytes = in_floats() * sizeof(float);
+      std::memcpy(chunk.data(input_), features_.data() + at, bytes);
+      tape_.forward(chunk);
+      if (!backward_) return;
+      std::memcpy(chunk.gradient(output_), d_output_.data(), d_output_.size() * sizeof(float));
+      tape_.backward(chunk);
+      std::memcpy(d_features_.data() + at, chunk.gradient(input_), bytes);
+    });
+  }
+
+ private:
+  size_t in_floats() const { return static_cast<size_t>(layers_.front().in) * kChunkSamples; }
+
+  int64_t samples_;
+  bool backward_;
+  Tape tape_{kChunkSamples, kLane};
+  std::vector<LinearWeights> layers_;
+  Value input_ = 0, output_ = 0;
+  AlignedArray<float> weights_, features_, d_features_, d_output_;
+  std::vector<std::unique_ptr<Chunk>> chunks_;
+  std::vector<AlignedArray<float>> gradients_;
+};
+
+KernelRun network_run(const std::vector<int>& widths, int64_t samples, bool backward, int threads) {
+  auto network = std::make_shared<Network>(widths, samples, backward, threads);
+  KernelRun run;
+  run.work = network->flops();
+  run.ceiling = fma_ceiling;
+  run.run = [network](ThreadPool& pool) { network->run(pool); };
+  return run;
+}
+
+}  // namespace
+
+std::vector<KernelCase> network_cases() {
+  std::vector<KernelCase> cases;
+  constexpr struct {
+    int in, out;
+  } kLayers[] = {{32, 64}, {40, 64}, {64, 64}, {64, 16}, {64, 3}, {256, 256}};
+  constexpr struct {
+    const char* name;
+    LayerKernel kernel;
+  } kKernels[] = {{"forward", forward},
+                  {"backward input", backward_input},
+                  {"backward weights", backward_weights}};
+  for (const auto& layer : kLayers)
+    for (const auto& k : kKernels)
+      cases.push_back(
+          {fmt::format("linear {}-{} {}", layer.in, layer.out, k.name), Unit::kFlops, kBoundFma,
+           [=](int threads) { return layer_run(layer.in, layer.out, threads, k.kernel); }});
+  const struct {
+    const char* name;
+    std::vector<int> widths;
+    int log2_samples;
+  } networks[] = {{"32-64-64-16", {32, 64, 64, 16}, 18},
+                  {"32-64-64-64-3", {32, 64, 64, 64, 3}, 18},
+                  {"63-256x8-4", {63, 256, 256, 256, 256, 256, 256, 256, 256, 4}, 14}};
+  for (const auto& n : networks)
+    for (const bool backward : {false, true})
+      cases.push_back({fmt::format("MLP {} forward{}, 2^{} samples", n.name,
+                                   backward ? "+backward" : "", n.log2_samples),
+                       Unit::kFlops, kBoundFma, [=](int threads) {
+                         return network_run(n.widths, int64_t{1} << n.log2_samples, backward,
+                                            threads);
+                       }});
+  return cases;
+}
+
+}  // namespace nerf::apps

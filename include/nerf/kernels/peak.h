@@ -1,0 +1,23 @@
+// Loops that do nothing but one thing: what a processor reaches at most, as the ceilings that
+// nerf_bench holds the kernels against. Dispatched as the kernels are (simd.h). One thread each.
+#pragma once
+
+#include <cstdint>
+
+namespace nerf {
+
+// `rounds` multiply-adds of each of several independent chains of vectors, all in registers.
+// Returns the FLOPs done (two per multiply-add and lane); `sink` gets a value that depends on all.
+int64_t fma_loop(int64_t rounds, float* sink);
+
+// Sum of x, read in order. n is a multiple of kReadUnit, x aligned to 64 bytes.
+inline constexpr int64_t kReadUnit = 128;
+float read_loop(int64_t n, const float* x);
+
+// Sum over `reads` rows of 4 floats at random places of a table, the places found as a hash grid
+// finds them: a hash of a counter. `rows` is a power of two up to 2^32, `reads` a multiple of
+// kRowUnit, the table aligned to 16 bytes. Another `salt` reads other rows.
+inline constexpr int64_t kRowUnit = 64;
+float random_row_loop(int64_t rows, const float* table, int64_t reads, uint32_t salt);
+
+}  // namespace nerf

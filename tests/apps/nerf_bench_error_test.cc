@@ -1,0 +1,243 @@
+// nerf_bench error: that its files are there and whole, and that its curves show what they must.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <set>
+
+#include "blender_scene.h"
+#include "chart.h"
+#include "csv.h"
+#include "nerf_train_fixture.h"
+#include "quadrature.h"
+#include "run_program.h"
+
+namespace nerf {
+namespace {
+
+namespace fs = std::filesystem;
+using testing_apps::csv_rows;
+using testing_apps::expect_refused;
+using testing_apps::ProgramResult;
+using testing_apps::read_text;
+using testing_apps::run_program;
+using testing_apps::TempFolder;
+using Row = std::map<std::string, std::string>;
+
+std::vector<Row> rows_of(const fs::path& csv) { return csv_rows(read_text(csv)); }
+
+void expect_svg(const fs::path& file) {
+  const std::string svg = read_text(file);
+  EXPECT_EQ(svg.rfind("<svg ", 0), 0u) << file;
+  EXPECT_TRUE(svg.ends_with("</svg>\n")) << file;
+  EXPECT_EQ(svg.find("nan"), std::string::npos) << file;
+  EXPECT_EQ(svg.find("inf"), std::string::npos) << file;
+}
+
+TEST(Quadrature, ConvergesToTheClosedForm) {
+  ThreadPool pool(1);
+  // Second order in smooth media: 4096 samples leave a relative error of about 1e-7.
+  for (const auto medium : {apps::MediumKind::kHomogeneous, apps::MediumKind::kExponential})
+    for (const auto sampling : apps::kSamplings) {
+      if (sampling == apps::Sampling::kUniformJittered) continue;
+      EXPECT_LT(apps::quadrature_error(medium, sampling, 4096, 50, 3, pool), 3e-6)
+          << apps::medium_name(medium) << ", " << apps::sampling_name(sampling);
+    }
+  // First order where a face falls anywhere into an interval of up to 1/270 (16 near to far) of
+  // the ray.
+  for (const auto medium : {apps::MediumKind::kSlab, apps::MediumKind::kTwoLayers})
+    for (const auto sampling : apps::kSamplings)
+      EXPECT_LT(apps::quadrature_error(medium, sampling, 4096, 50, 3, pool), 5e-3)
+          << apps::medium_name(medium) << ", " << apps::sampling_name(sampling);
+}
+
+TEST(NerfBenchError, QuadratureErrorsFallAtTheirOrder) {
+  TempFolder folder;
+  const ProgramResult result = run_program(
+      NERF_BENCH_PROGRAM, {"error", "--curves", "quadrature", "--samples", "16,32,64,128,256",
+                           "--rays", "300", "-o", folder.path().string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::vector<Row> rows = rows_of(folder.path() / "quadrature.csv");
+  ASSERT_EQ(rows.size(), 4u * 4 * 5);
+  std::map<std::string, double> first, last;
+  for (const Row& row : rows) {
+    const std::string name = row.at("medium") + ", " + row.at("sampling");
+    const int n = std::stoi(row.at("evaluations"));
+    const double error = std::stod(row.at("rms_error"));
+    if (n == 16) first[name] = error;
+    if (n == 256) last[name] = error;
+    EXPECT_EQ(row.at("order").empty(), n == 16) << name;
+    const bool smooth = row.at("medium") == "homogeneous" || row.at("medium") == "exponential";
+    if (smooth && row.at("sampling") == "uniform" && n >= 64) {
+      EXPECT_NEAR(std::stod(row.at("order")), 2, 0.08) << name << ' ' << n;
+    }
+    EXPECT_EQ(row.at("command").rfind("nerf_bench error --curves quadrature ", 0), 0u);
+  }
+  ASSERT_EQ(first.size(), 16u);
+  for (const auto& [name, error] : first) {
+    const double order = std::log(error / last.at(name)) / std::log(16.0);
+    const bool smooth = name.rfind("slab", 0) != 0 && name.rfind("two", 0) != 0;
+    const bool jittered = name.ends_with("jittered");
+    EXPECT_GT(order, smooth ? jittered ? 1.3 : 1.6 : 0.6) << name;
+    EXPECT_LT(order, smooth ? jittered ? 1.8 : 2.3 : 1.9) << name;
+  }
+  for (const auto medium : apps::kMediumKinds)
+    expect_svg(folder.path() / ("quadrature_" + std::string(apps::medium_name(medium)) + ".svg"));
+  EXPECT_TRUE(fs::exists(folder.path() / "report.html"));
+
+  // A row's command gives that row again, and no other.
+  const fs::path again = folder.path() / "again";
+  const ProgramResult one = run_program(
+      NERF_BENCH_PROGRAM, {"error", "--curves", "quadrature", "--samples", "64", "--rays", "300",
+                           "--filter", "slab, hierarchical", "-o", again.string()});
+  ASSERT_EQ(one.exit_code, 0) << one.err;
+  const std::vector<Row> same = rows_of(again / "quadrature.csv");
+  ASSERT_EQ(same.size(), 1u);
+  for (const Row& row : rows)
+    if (row.at("medium") == "slab" && row.at("sampling") == "hierarchical" &&
+        row.at("evaluations") == "64") {
+      EXPECT_EQ(row.at("rms_error"), same[0].at("rms_error"));
+    }
+}
+
+TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
+  TempFolder folder;
+  test::write_blender_scene(folder.path() / "capture", 16);
+  // Trained until the cache knows that the sphere is opaque: else there is nothing to stop at.
+  const fs::path run = folder.path() / "run";
+  const ProgramResult trained = run_program(
+      NERF_TRAIN_PROGRAM, testing_apps::tiny({(folder.path() / "capture").string(), "-o",
+                                              run.string(), "--split", "dev", "--steps", "400"}));
+  ASSERT_EQ(trained.exit_code, 0) << trained.err;
+  const fs::path out = folder.path() / "error";
+  const ProgramResult result =
+      run_program(NERF_BENCH_PROGRAM, {"error",     (folder.path() / "capture").string(),
+                                       "--curves",  "training,skips,width",
+                                       "--run",     run.string(),
+                                       "--minutes", "0.01",
+                                       "--tables",  "12,14",
+                                       "--widths",  "16,32",
+                                       "--steps",   "5",
+                                       "--views",   "1",
+                                       "--repeats", "1",
+                                       "-o",        out.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+
+  const std::vector<Row> training = rows_of(out / "training.csv");
+  ASSERT_EQ(training.size(), 2u);
+  EXPECT_EQ(training[0].at("log2_entries"), "12");
+  EXPECT_EQ(training[1].at("log2_entries"), "14");
+  const std::vector<Row> widths = rows_of(out / "width.csv");
+  ASSERT_EQ(widths.size(), 2u);
+  EXPECT_EQ(widths[1].at("width"), "32");
+  for (const auto& rows : {training, widths})
+    for (const Row& row : rows) {
+      EXPECT_GT(std::stod(row.at("psnr")), 5);
+      EXPECT_GT(std::stod(row.at("seconds")), 0);
+      EXPECT_EQ(row.at("command").rfind("nerf_train ", 0), 0u) << row.at("command");
+    }
+  EXPECT_EQ(widths[0].at("steps"), "5");
+
+  std::map<std::string, Row> skips;
+  for (const Row& row : rows_of(out / "skips.csv")) skips[row.at("setting")] = row;
+  const auto number = [&](const std::string& setting, const char* column) {
+    EXPECT_TRUE(skips.contains(setting)) << setting;
+    return skips.contains(setting) ? std::stod(skips[setting].at(column)) : 0.0;
+  };
+  // Whether a setting does other work than another one, or gives another picture.
+  const auto differ = [&](const std::string& a, const std::string& b) {
+    for (const char* column :
+         {"segments", "density_evaluations", "colour_evaluations", "rms_difference"})
+      if (number(a, column) != number(b, column)) return true;
+    return false;
+  };
+  const std::string off = "every skip off";
+  EXPECT_EQ(number(off, "rms_difference"), 0);
+  EXPECT_EQ(number(off, "psnr_loss"), 0);
+  EXPECT_EQ(number(off, "density_evaluations"), 4 * number(off, "segments"));
+  EXPECT_TRUE(differ("unshaded 1/1024", off));
+  EXPECT_TRUE(differ("unshaded 1/64", "unshaded 1/1024"));
+  EXPECT_TRUE(differ("cache, factor 4", off));
+  EXPECT_TRUE(differ("cache, factor 0.5", "cache, factor 4"));
+  EXPECT_TRUE(differ("cache, stop 1e-3", "cache, factor 1.5"));
+  EXPECT_TRUE(differ("together, factor 1.5", "cache, factor 1.5"));
+  EXPECT_TRUE(differ("together, factor 0.5", "together, factor 2"));
+  for (const auto& [name, row] : skips) EXPECT_LT(std::stod(row.at("rms_difference")), 0.1) << name;
+
+  const std::string page = read_text(out / "report.html");
+  for (const char* chart :
+       {"training", "skips_difference", "skips_psnr", "width", "width_seconds"}) {
+    expect_svg(out / (std::string(chart) + ".svg"));
+    EXPECT_NE(page.find(read_text(out / (std::string(chart) + ".svg"))), std::string::npos)
+        << chart;
+  }
+  EXPECT_EQ(page.find("src="), std::string::npos);  // needs no other file
+
+  // The skips again from the run alone, one row of them beside the reference.
+  const fs::path again = folder.path() / "again";
+  const ProgramResult one = run_program(
+      NERF_BENCH_PROGRAM, {"error", "--curves", "skips", "--run", run.string(), "--views", "1",
+                           "--repeats", "1", "--filter", "unshaded 1/64", "-o", again.string()});
+  ASSERT_EQ(one.exit_code, 0) << one.err;
+  const std::vector<Row> same = rows_of(again / "skips.csv");
+  ASSERT_EQ(same.size(), 2u);
+  for (const char* column : {"rms_difference", "psnr", "segments", "colour_evaluations"})
+    EXPECT_EQ(same[1].at(column), skips["unshaded 1/64"].at(column)) << column;
+}
+
+TEST(NerfBenchError, MistakesAreFoundBeforeAnythingIsWritten) {
+  TempFolder folder;
+  const std::string out = (folder.path() / "error").string();
+  const auto refused = [&](std::vector<std::string> arguments,
+                           const std::vector<std::string>& parts) {
+    arguments.insert(arguments.begin(), "error");
+    arguments.insert(arguments.end(), {"-o", out});
+    expect_refused(run_program(NERF_BENCH_PROGRAM, arguments), "nerf_bench", parts);
+    EXPECT_FALSE(fs::exists(out));
+  };
+  refused({}, {"training", "SCENE"});
+  refused({"--curves", "quadratur"}, {"--curves", "quadratur", "quadrature"});
+  refused({"--curves", "skips"}, {"skips", "--run"});
+  refused({"--curves", "skips", "--run", folder.path().string()}, {"model.nerf", "--run"});
+  refused({"--curves", "quadrature", "--samples", "7"}, {"--samples", "odd"});
+  refused({"--curves", "quadrature", "--samples", "8,,16"}, {"--samples"});
+  refused({"/nonexistent", "--tables", "9"}, {"--tables", "'9'", "10 to 24"});
+  refused({"/nonexistent", "--minutes", "0"}, {"--minutes", "'0'"});
+}
+
+TEST(Chart, TicksAreRoundAndWithinTheAxis) {
+  using apps::axis_ticks;
+  EXPECT_EQ(axis_ticks(0, 10, false), (std::vector<double>{0, 2, 4, 6, 8, 10}));
+  EXPECT_EQ(axis_ticks(-1, 1, false), (std::vector<double>{-1, -0.5, 0, 0.5, 1}));
+  EXPECT_EQ(axis_ticks(1, 1000, true), (std::vector<double>{1, 10, 100, 1000}));
+  for (const bool log : {false, true})
+    for (const auto& [low, high] :
+         {std::pair{3.0, 3.3}, {0.012, 950.0}, {1e-9, 1e6}, {7.0, 60.0}}) {
+      const std::vector<double> ticks = axis_ticks(low, high, log);
+      EXPECT_GE(ticks.size(), 2u) << low << ' ' << high;
+      EXPECT_LE(ticks.size(), 12u) << low << ' ' << high;
+      for (const double t : ticks) EXPECT_TRUE(t >= low && t <= high * (1 + 1e-9)) << t;
+    }
+}
+
+TEST(Chart, DrawsWhateverTheValuesAre) {
+  TempFolder folder;
+  apps::Chart chart;
+  chart.title = "a < b & \"c\"";
+  chart.x.log = chart.y.log = true;
+  const auto drawn = [&] {
+    testing_apps::write_text(folder.path() / "chart.svg", apps::svg_text(chart));
+    expect_svg(folder.path() / "chart.svg");
+    return apps::svg_text(chart);
+  };
+  EXPECT_NE(drawn().find("a &lt; b &amp; &quot;c&quot;"), std::string::npos);
+  chart.series = {{"empty", {}, true}, {"one", {{5, 5, "<label>"}}, true}};
+  EXPECT_NE(drawn().find("&lt;label&gt;"), std::string::npos);
+  // Values that a logarithm has no place for are left out, the others drawn.
+  chart.series = {{"some", {{0, 1, ""}, {1, 0, ""}, {2, 3, ""}, {4, NAN, ""}, {8, 1, ""}}, true}};
+  drawn();
+  chart.x.log = chart.y.log = false;
+  drawn();
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,45 @@
+// The loops that measure a machine's ceilings do the work that they are timed for.
+#include "nerf/kernels/peak.h"
+
+#include <cmath>
+
+#include "kernel_test.h"
+
+namespace nerf {
+namespace {
+
+TEST(Peak, CountsTheMultiplyAdds) {
+  for_each_target([](const std::string&) {
+    float sink = 0;
+    const int64_t once = fma_loop(1, &sink);
+    EXPECT_GT(once, 0);
+    EXPECT_EQ(fma_loop(1000, &sink), 1000 * once);
+    // All chains have run to 1 in each lane.
+    EXPECT_FLOAT_EQ(sink, static_cast<float>(once / 2));
+  });
+}
+
+TEST(Peak, ReadsEveryValueOnce) {
+  for_each_target([](const std::string&) {
+    AlignedArray<float> x(3 * kReadUnit);
+    for (size_t i = 0; i < x.size(); ++i) x[i] = static_cast<float>(i);
+    const float n = static_cast<float>(x.size());
+    EXPECT_EQ(read_loop(static_cast<int64_t>(x.size()), x.data()), n * (n - 1) / 2);
+  });
+}
+
+TEST(Peak, ReadsRowsAllOverTheTable) {
+  // The second half of the rows holds ones: about half of the reads meet them.
+  constexpr int64_t kRows = 1 << 12, kReads = 1 << 14;
+  AlignedArray<float> table(4 * kRows);
+  for (size_t i = table.size() / 2; i < table.size(); ++i) table[i] = 1;
+  for_each_target([&](const std::string&) {
+    for (const uint32_t salt : {0u, 12345u}) {
+      const double share = random_row_loop(kRows, table.data(), kReads, salt) / (4.0 * kReads);
+      EXPECT_NEAR(share, 0.5, 5 * 0.5 / std::sqrt(kReads)) << salt;
+    }
+  });
+}
+
+}  // namespace
+}  // namespace nerf
