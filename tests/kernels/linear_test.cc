@@ -50,6 +50,13 @@ void for_each_shape(const Body& body) {
                        std::to_string(n));
           body(in, out, n, random);
         }
+    // Wide layers take other ways through the weights' gradient, in pieces of samples.
+    for (const auto& [in, out] : {std::pair{96, 96}, {97, 101}, {319, 130}})
+      for (int64_t n : {0, 17, 193, 400}) {
+        SCOPED_TRACE("in " + std::to_string(in) + " out " + std::to_string(out) + " n " +
+                     std::to_string(n));
+        body(in, out, n, random);
+      }
   });
 }
 
