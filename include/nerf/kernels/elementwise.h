@@ -17,7 +17,9 @@ void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* d
 void sigmoid_forward(int64_t n, const float* x, float* y);
 void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx);
 
-// alpha = 1 - exp(-density * delta), without cancellation for small arguments.
+// alpha = 1 - exp(-density * delta), without cancellation for small arguments. A length beyond
+// kLongestInterval, even an infinite one, counts as that: without density it stops no light.
+inline constexpr float kLongestInterval = 1e10f;
 void opacity(int64_t n, const float* density, const float* delta, float* alpha);
 
 // y += x
