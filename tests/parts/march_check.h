@@ -16,11 +16,11 @@ namespace nerf::march_check {
 // Segments lie within `most` and cover `least` (the same where there is no doubt), up to the slack
 // of the stretches' ends; says what is wrong, or nothing.
 inline std::string difference(const RaySampler& sampler, const std::vector<Stretch>& most,
-                              const std::vector<Stretch>& least) {
+                              const std::vector<Stretch>& least, double sliver) {
   std::ostringstream out;
   double slack = 1e-9, length = 0, got = 0, before = 0;
   for (const Stretch& s : least) {
-    slack += s.slack0 + s.slack1;
+    slack += s.slack0 + s.slack1 + s.gaps;
     length += s.t1 - s.t0;
   }
   for (const Segment& s : sampler.segments()) {
@@ -36,7 +36,7 @@ inline std::string difference(const RaySampler& sampler, const std::vector<Stret
       inside += std::max(
           0.0, std::min(b, w.t1 + w.slack1 + rounding) - std::max(a, w.t0 - w.slack0 - rounding));
     // Thin gaps between stretches are counted twice by their slack: at least is what matters.
-    if (!(inside >= (b - a) * (1 - 1e-6) - 1e-9))
+    if (!(inside >= (b - a) * (1 - 1e-6) - sliver))
       out << "segment " << a << " to " << b << " holds empty space; ";
   }
   if (got < length - slack || (&most == &least && got > length + slack))
@@ -51,7 +51,8 @@ inline std::vector<Stretch> intersection(const std::vector<Stretch>& a,
   for (const Stretch& x : a)
     for (const Stretch& y : b) {
       const Stretch &late = x.t0 > y.t0 ? x : y, &early = x.t1 < y.t1 ? x : y;
-      if (late.t0 < early.t1) out.push_back({late.t0, early.t1, late.slack0, early.slack1});
+      if (late.t0 < early.t1)
+        out.push_back({late.t0, early.t1, late.slack0, early.slack1, x.gaps + y.gaps});
     }
   return out;
 }
@@ -71,13 +72,15 @@ struct Scene {
         grid(make_grid(c, pattern, s)) {}
 };
 
+// `sliver`: how far a segment may reach into empty space, where a ray meets corners of cells.
 inline void march_and_compare(const Scene& scene, RaySampler& sampler, const Ray& ray,
-                              const std::string& what, const Box3& clip = kEverywhere) {
+                              const std::string& what, const Box3& clip = kEverywhere,
+                              double sliver = 1e-9) {
   RaySamples samples;
   sampler.sample_all(ray, 1, samples);
   const std::vector<Stretch> exact =
       brute_march(ray, clip, scene.cascades, scene.pattern, scene.side);
-  std::string wrong = difference(sampler, exact, exact);
+  std::string wrong = difference(sampler, exact, exact, sliver);
   // Where a ray runs along a plane so closely that float can hardly tell the sides apart, matter on
   // either side is right.
   std::vector<Stretch> most = exact, least = exact;
@@ -91,7 +94,7 @@ inline void march_and_compare(const Scene& scene, RaySampler& sampler, const Ray
       most.insert(most.end(), other.begin(), other.end());
       least = intersection(least, other);
     }
-    wrong = difference(sampler, most, least);
+    wrong = difference(sampler, most, least, sliver);
   }
   if (wrong.empty()) return;
   const Vec3d &o = ray.origin, &d = ray.direction;
