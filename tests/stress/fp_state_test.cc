@@ -76,10 +76,11 @@ TEST(StressFpState, CallsLeaveTheCallersStateAsItWas) {
   }
 }
 
-// A caller may flush denormals or keep them: the same bits, for fields full of denormals too.
+// A caller may flush denormals or keep them: the same bits, for fields full of denormals too, among
+// them one whose networks magnify denormal features to densities.
 TEST(StressFpState, TheCallersStateChangesNoBit) {
   for (float features : {1.0f, 1e-4f, 1e-38f})
-    for (float gain : {1.0f, 1e-19f}) {
+    for (float gain : {1.0f, 1e-19f, 3e18f}) {
       const RadianceField field = wild_field(false, 1, features, gain, 5);
       ThreadPool pool(2), alone(1);
       const Frame kept = picture(field, pool);

@@ -120,6 +120,15 @@ TEST(StressMarch, WhatIsBehindOrBesideIsNotMet) {
     RaySampler sampler(scene.grid, endless(), kEverywhere);
     RaySamples out;
     const double half = std::ldexp(1.0, scene.cascades - 1);
+    for (int axis = 0; axis < 3; ++axis)
+      for (double sign : {-1.0, 1.0})
+        for (double distance : {0.0, 3 * half, 1e5}) {
+          Vec3d through{0.1, 0.1, 0.1}, d{0, 0, 0};
+          through[(axis + 1) % 3] = sign * half * (1 + 1e-9);
+          d[axis] = sign;
+          EXPECT_EQ(sampler.sample_all(towards(through, d, distance), 1, out), 0)
+              << "along a face, outside, " << distance;
+        }
     for (uint64_t i = 0; i < 200; ++i) {
       Random random(66, 0, i);
       const Vec3d d = normalized(Vec3d{random.uniform() - 0.5, random.uniform() - 0.5, 0.6});

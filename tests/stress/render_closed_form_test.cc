@@ -51,18 +51,19 @@ struct Shot {
   Vec3d eye, target;
 };
 constexpr double kFar = 1e5;
-const Shot kShots[] = {{"outside", 20, {2.1, 1.3, -3}, {0, 0, 0}},
-                       {"inside", 9, {0.3, -0.4, 0.1}, {0.5, 0.5, 0.7}},
-                       {"on a face", 12, {1, 0.2, 0.1}, {-1, 0.25, 0.3}},
-                       {"in a corner", 12, {-1, -1, -1}, {0.1, 0, 0.05}},
-                       {"axis", 30, {0, 0, -3}, {0, 0, 0}},
-                       {"through corners", 40, {-3, -3, -3}, {0, 0, 0}},
-                       {"far", 6 * kFar, {kFar, 0.6 * kFar, -0.3 * kFar}, {0, 0, 0}},
-                       {"far along an axis", 6 * kFar, {0, -kFar, 0}, {0, 0, 0}},
-                       {"farther", 1e7, {1e7, 2e6, 3e6}, {0, 0, 0}},
-                       {"away", 12, {2, 2, 2}, {3, 3, 3}},
-                       {"tiny focal length", 1e-3, {0.2, 0.1, -0.5}, {0.2, 0.1, 0}},
-                       {"huge focal length", 1e9, {0.2, 0.1, -5}, {0.21, 0.1, 0}}};
+const Shot kShots[] = {
+    {"outside", 20, {2.1, 1.3, -3}, {0, 0, 0}},
+    {"inside", 9, {0.3, -0.4, 0.1}, {0.5, 0.5, 0.7}},
+    {"on a face", 12, {1, 0.2, 0.1}, {-1, 0.25, 0.3}},
+    {"in a corner", 12, {-1, -1, -1}, {0.1, 0, 0.05}},
+    {"axis", 30, {0, 0, -3}, {0, 0, 0}},
+    {"through corners", 40, {-3, -3, -3}, {0, 0, 0}},
+    {"far", 6 * kFar, {kFar + 0.1234, 0.6 * kFar - 0.0217, -0.3 * kFar}, {0, 0, 0}},
+    {"far along an axis", 6 * kFar, {0, -kFar, 0}, {0, 0, 0}},
+    {"farther", 1e7, {1e7, 2e6, 3e6}, {0, 0, 0}},
+    {"away", 12, {2, 2, 2}, {3, 3, 3}},
+    {"tiny focal length", 1e-3, {0.2, 0.1, -0.5}, {0.2, 0.1, 0}},
+    {"huge focal length", 1e9, {0.2, 0.1, -5}, {0.21, 0.1, 0}}};
 
 // Opacity, colour and depth of every pixel. With density * length = depth:
 // - each sample's opacity is off by 3 u of itself (expm1 and its argument), so all together by 3 u

@@ -147,6 +147,25 @@ TEST(StressSampler, CountsAreAtTheirLimits) {
     EXPECT_EQ(count(many), 77) << many;
 }
 
+// Passages so short that no light is stopped in float: all matter alike, as without the cache.
+TEST(StressSampler, WithoutAnyMassAllMatterIsAlike) {
+  const OccupancyGrid grid = make_grid(1, [](const CellPlace&) -> uint8_t { return 1; });
+  SamplerOptions options;
+  options.uniform_share = 0;
+  options.min_transmittance = 0;
+  options.min_samples = options.max_samples = 7;
+  RaySampler sampler(grid, options, kEverywhere);
+  // Across a plane, 1/64 behind the border that the ray enters through.
+  const Ray ray = ray_of({-2, 0.1, 0.1}, {1, 0, 0}, 1 + 1.0 / 64 - 3e-6, 1 + 1.0 / 64 + 3e-6);
+  RaySamples cached, alike;
+  ASSERT_EQ(sampler.sample(ray, nullptr, false, alike), 7);
+  ASSERT_EQ(sampler.segments().size(), 2u);
+  ASSERT_EQ(sampler.sample(ray, nullptr, true, cached), 7);
+  EXPECT_EQ(cached.t, alike.t);
+  EXPECT_EQ(cached.delta, alike.delta);
+  EXPECT_GT(alike.delta.front(), 0);
+}
+
 // The distribution in double at the borders that were found in float: each interval holds one
 // count-th of the mass. A mass of n segments, each made with a few roundings and with 1 - exp(-x)
 // that is off by 2 u of 1, is off by no more than that times the largest total, and so is the
