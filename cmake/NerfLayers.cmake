@@ -48,7 +48,8 @@ function(nerf_add_library)
 endfunction()
 
 # Tests of a layer: tests/<layer>/*_test.cc as one program that links this layer and those below it,
-# so that a layer can be built and tested while one above it is in pieces.
+# so that a layer can be built and tested while one above it is in pieces. A folder that is named after
+# no layer (tests/stress) links all of them.
 function(nerf_add_layer_tests layer)
   file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${layer}/*_test.cc)
   if(NOT sources)

@@ -11,6 +11,7 @@ namespace {
 
 // w_i = T_i alpha_i. With tau_i = density_i delta_i the gradient g of the weights gives
 // d / d tau_i = T_{i+1} g_i - sum_{j>i} w_j g_j: more of sample i is seen, less of what is behind.
+// Products and sums along a ray are made in double, as in composite_op.cc.
 class RenderWeights : public Operation {
  public:
   RenderWeights(Value density, Value delta, Value weights, bool opaque_end)
@@ -23,10 +24,10 @@ class RenderWeights : public Operation {
     for (int r = 0; r < c.rays; ++r) {
       const int end = c.ray_begin[r + 1];
       if (opaque_end_ && end > c.ray_begin[r]) w[end - 1] = 1;
-      float t = 1;
+      double t = 1;
       for (int i = c.ray_begin[r]; i < end; ++i) {
-        const float alpha = w[i];
-        w[i] = t * alpha;
+        const double alpha = w[i];
+        w[i] = static_cast<float>(t * alpha);
         t *= 1 - alpha;
       }
     }
@@ -43,24 +44,27 @@ class RenderWeights : public Operation {
       const int begin = c.ray_begin[r];
       int i = c.ray_begin[r + 1];
       if (i == begin) continue;
-      float t_after = 0, behind = 0;
+      const auto length = [&](int k) {
+        return static_cast<double>(std::min(delta[k], kLongestInterval));
+      };
+      const auto seen = [&](int k) { return static_cast<double>(w[k]) * static_cast<double>(g[k]); };
+      double t_after = 0, behind = 0;
       if (opaque_end_) {
         --i;
         d_density[i] = 0;
-        behind = w[i] * g[i];
-        t_after = w[i];
+        behind = seen(i);
+        t_after = static_cast<double>(w[i]);
       } else {
         // From the optical depth, so that it does not drift.
-        float depth = 0;
-        for (int s = begin; s < i; ++s) depth += density[s] * delta[s];
+        double depth = 0;
+        for (int s = begin; s < i; ++s) depth += static_cast<double>(density[s]) * length(s);
         t_after = std::exp(-depth);
       }
       while (i-- > begin) {
-        // An interval without end is opaque already: its gradient, infinity times 0, is 0.
-        const float slope = t_after * g[i] - behind;
-        d_density[i] = slope == 0 ? 0.0f : delta[i] * slope;
-        behind += w[i] * g[i];
-        t_after = std::min(1.0f, t_after + w[i]);
+        d_density[i] =
+            static_cast<float>(length(i) * (t_after * static_cast<double>(g[i]) - behind));
+        behind += seen(i);
+        t_after = std::min(1.0, t_after + static_cast<double>(w[i]));
       }
     }
     std::fill(d_density + c.ray_begin[c.rays], d_density + round_up(c.samples, kLane), 0.0f);
@@ -83,14 +87,16 @@ class Accumulate : public Operation {
     const float* background = c.data(inputs()[2]);
     float* pixel = c.data(output());
     for (int r = 0; r < c.rays; ++r) {
-      float sum[4] = {0, 0, 0, 0};
+      double sum[4] = {0, 0, 0, 0};
       for (int i = c.ray_begin[r]; i < c.ray_begin[r + 1]; ++i) {
-        for (int k = 0; k < 3; ++k) sum[k] += w[i] * rgb[k * ls + i];
-        sum[3] += w[i];
+        const double weight = w[i];
+        for (int k = 0; k < 3; ++k) sum[k] += weight * static_cast<double>(rgb[k * ls + i]);
+        sum[3] += weight;
       }
       for (int k = 0; k < 3; ++k)
-        pixel[k * lr + r] = sum[k] + (1 - sum[3]) * background[k * lr + r];
-      pixel[3 * lr + r] = sum[3];
+        pixel[k * lr + r] = static_cast<float>(
+            sum[k] + (1 - sum[3]) * static_cast<double>(background[k * lr + r]));
+      pixel[3 * lr + r] = static_cast<float>(sum[3]);
     }
   }
 

@@ -27,6 +27,8 @@ struct Updated {
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE Updated<D> updated(D d, const AdamStep& o, V c1, V c2, V g, V m, V v, V w) {
   g = hn::MulAdd(hn::Set(d, o.l2), w, g);
+  const V most = hn::Set(d, kMostGradient);
+  g = hn::IfThenElse(hn::Gt(hn::Abs(g), most), hn::CopySign(most, g), g);
   m = hn::MulAdd(hn::Set(d, 1.0f - o.beta1), g, hn::Mul(hn::Set(d, o.beta1), m));
   v = hn::MulAdd(hn::Set(d, 1.0f - o.beta2), hn::Mul(g, g), hn::Mul(hn::Set(d, o.beta2), v));
   const V denominator = hn::MulAdd(hn::Sqrt(v), c2, hn::Set(d, o.epsilon));

@@ -78,7 +78,8 @@ void relu(int64_t n, const float* x, float* y) {
 
 void alpha(int64_t n, const float* density, const float* delta, float* out) {
   each(n, [=](D d, int64_t i) {
-    const auto tau = hn::Mul(hn::Load(d, density + i), hn::Load(d, delta + i));
+    const auto length = hn::Min(hn::Load(d, delta + i), hn::Set(d, kLongestInterval));
+    const auto tau = hn::Mul(hn::Load(d, density + i), length);
     hn::Store(hn::Neg(hn::Expm1(d, hn::Max(hn::Neg(tau), hn::Set(d, -80.0f)))), d, out + i);
   });
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "nerf/base/error.h"
+#include "nerf/kernels/elementwise.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/frustum.h"
 #include "nerf/parts/losses.h"
@@ -14,7 +15,6 @@ namespace nerf {
 namespace {
 
 constexpr std::array<Vec3, 3> kAxes{Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
-constexpr float kEndlessInterval = 1e10f;  // NeRF's last interval
 
 // Two independent normal numbers would come of two draws (Box and Muller); one is enough here.
 float normal(Random& random) {
@@ -112,7 +112,7 @@ void NetworkLevels::place_samples(Level& level, int samples) {
         t0 = t1;
       } else {
         place_sample(ray, entry[i], entry[i], column, level);
-        delta[column] = i + 1 < samples ? entry[i + 1] - entry[i] : kEndlessInterval;
+        delta[column] = i + 1 < samples ? entry[i + 1] - entry[i] : kLongestInterval;
       }
       if (level.tape.noise >= 0)
         c.data(level.tape.noise)[column] = losses_.density_noise * normal(ray.random);

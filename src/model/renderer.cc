@@ -17,11 +17,11 @@ namespace {
 // A pixel's ray on its way through the network: its samples may span several chunks.
 struct PixelState {
   int pixel = 0;
-  float transmittance = 1;
-  float unshaded = 0;  // weight of the samples left without colour
-  float median = -1;   // distance at which half of the light is stopped
-  double start = 0;    // of the march, from the camera
-  float forward = 1;   // cosine between ray and optical axis
+  double transmittance = 1;  // a product of many 1 - alpha; in float thin matter loses its opacity
+  float unshaded = 0;        // weight of the samples left without colour
+  float median = -1;         // distance at which half of the light is stopped
+  double start = 0;          // of the march, from the camera
+  float forward = 1;         // cosine between ray and optical axis
 };
 
 // The box of the options: its axes are the input's, its unit and origin the engine's.
@@ -33,8 +33,9 @@ struct ObliqueBox {
 std::optional<ObliqueBox> oblique_box(const Similarity& to_engine, const std::optional<Box3>& box) {
   if (!box) return std::nullopt;
   ObliqueBox out{to_engine.rotation.transposed(), {}};
+  // Only moved and scaled, not turned to the engine's axes and back: sides may be infinite.
   for (const Vec3d& corner : {box->min, box->max})
-    out.box.extend(out.to_box * to_engine.apply(corner));
+    out.box.extend((corner - to_engine.center) * to_engine.scale);
   return out;
 }
 
@@ -66,6 +67,12 @@ class TileRenderer {
       for (int x = x0; x < x1; ++x) render_pixel(x, y);
     flush();
     shade();
+    // Sums of many colours may end a few roundings above the brightest.
+    for (int y = y0; y < y1; ++y) {
+      float* row = frame.rgb.data() + 3 * static_cast<size_t>(y) * static_cast<size_t>(frame.width);
+      for (int i = 3 * x0; i < 3 * x1; ++i)
+        row[i] = std::min(row[i], std::max(1.0f, options_.background[i % 3]));
+    }
   }
 
   const RenderStatistics& statistics() const { return statistics_; }  // of all tiles
@@ -176,14 +183,14 @@ class TileRenderer {
       PixelState& state = states_[static_cast<size_t>(r)];
       for (int i = ray_begin_[static_cast<size_t>(r)]; i < ray_begin_[static_cast<size_t>(r) + 1];
            ++i) {
-        const float alpha = -std::expm1(-density[i] * delta[i]);
-        const float w = state.transmittance * alpha;
+        const double alpha = -std::expm1(-density[i] * delta[i]);
+        const float w = static_cast<float>(state.transmittance * alpha);
         if (state.unshaded + w <= options_.unshaded)
           state.unshaded += w;
         else
           add_shaded(state.pixel, r, i, w);
         state.transmittance *= 1 - alpha;
-        if (state.median < 0 && state.transmittance <= 0.5f)
+        if (state.median < 0 && state.transmittance <= 0.5)
           state.median = t_[static_cast<size_t>(i)];
       }
       if (last_[static_cast<size_t>(r)])
@@ -235,8 +242,9 @@ class TileRenderer {
   void finish(const PixelState& s) {
     const size_t p = static_cast<size_t>(s.pixel);
     for (int k = 0; k < 3; ++k)
-      frame_->rgb[3 * p + static_cast<size_t>(k)] += s.transmittance * options_.background[k];
-    frame_->alpha[p] = 1 - s.transmittance;
+      frame_->rgb[3 * p + static_cast<size_t>(k)] +=
+          static_cast<float>(s.transmittance * options_.background[k]);
+    frame_->alpha[p] = static_cast<float>(1 - s.transmittance);
     frame_->depth_z[p] =
         s.median < 0 ? 0.0f : static_cast<float>((s.start + s.median) * s.forward * unit_);
   }

@@ -183,11 +183,14 @@ int RaySampler::choose_count(bool follow_cache) {
     sum += mass_[i];
     squares += mass_[i] * mass_[i];
   }
+  // Matter so thin that float gives it no mass: all of it alike.
+  if (follow_cache && !(squares > 0)) return choose_count(false);
   total_mass_ = sum;
   // Number of cells that would give this sum of squares if they were equal.
-  const float cells = squares > 0 ? sum * sum / squares : 0;
-  return std::clamp(static_cast<int>(std::ceil(options_.samples_per_cell * cells)),
-                    options_.min_samples, options_.max_samples);
+  const float cells = sum * sum / squares;
+  const float wanted = std::ceil(options_.samples_per_cell * cells);
+  if (!(wanted < static_cast<float>(options_.max_samples))) return options_.max_samples;
+  return std::max(static_cast<int>(wanted), options_.min_samples);
 }
 
 int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySamples& out) {
@@ -208,7 +211,8 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
       ++s;
     }
     const float width = segments_[s].t1 - segments_[s].t0;
-    const float f = mass_[s] > 0 ? std::clamp((target - below) / mass_[s], 0.0f, 1.0f) : 0.5f;
+    const float rest = target - below;
+    const float f = rest >= mass_[s] ? 1.0f : std::max(rest / mass_[s], 0.0f);
     length = matter + f * width;
     return segments_[s].t0 + f * width;
   };
@@ -219,7 +223,8 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
     float length = 0;
     const float t = advance((static_cast<float>(k) + inside) * unit, length);
     float to = 0;
-    advance(static_cast<float>(k + 1) * unit, to);
+    // The last border is the end of all matter, whatever the sum of masses was rounded to.
+    advance(k + 1 < count ? static_cast<float>(k + 1) * unit : Traversal::kNever, to);
     out.t.push_back(t);
     out.delta.push_back(std::max(to - from, 0.0f));
     from = to;

@@ -14,9 +14,10 @@ namespace nerf {
 
 // A stretch of matter, neighbouring occupied cells joined. slack0 and slack1: how far off its ends
 // a march in float may be, for the coordinates of a ray have 24 bits: a plane crossed at a shallow
-// angle is met at another t.
+// angle is met at another t. gaps: what it may leave out between them, where it steps over the
+// borders of cascades.
 struct Stretch {
-  double t0, t1, slack0, slack1;
+  double t0, t1, slack0, slack1, gaps = 0;
 };
 
 inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int cascades,
@@ -64,6 +65,7 @@ inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int ca
     return nudge + kRoundoff * (4 * half + 4 * along) / std::fabs(ray.direction[at.axis]);
   };
   std::vector<Stretch> out;
+  int previous = 0;  // cascade of the piece before
   for (size_t i = 0; i + 1 < crossings.size(); ++i) {
     const Crossing &from = crossings[i], &to = crossings[i + 1];
     if (!(from.t < to.t)) continue;
@@ -83,11 +85,14 @@ inline std::vector<Stretch> brute_march(const Ray& ray, const Box3& clip, int ca
     };
     if (pattern({c, index(middle.x), index(middle.y), index(middle.z)}) == 0) continue;
     if (!out.empty() && out.back().t1 == from.t) {
+      // A step of a millionth of 1 + t, rounded.
+      if (c != previous) out.back().gaps += 1.2e-6 * (1 + from.t - begin);
       out.back().t1 = to.t;
       out.back().slack1 = slack(to);
     } else {
       out.push_back({from.t, to.t, slack(from), slack(to)});
     }
+    previous = c;
   }
   return out;
 }

@@ -73,7 +73,8 @@ Value repeat_for_samples(Tape& tape, Value x);
 Value view_code(Tape& tape, Value directions);
 
 // Volume rendering (NeRF, equation 3) over the samples of each ray.
-//   density [1 x samples], colour [3 x samples], delta [1 x samples] interval lengths,
+//   density [1 x samples], colour [3 x samples], delta [1 x samples] interval lengths (the last may
+//   be infinite: kLongestInterval, kernels/elementwise.h),
 //   background [3 x rays] -> [4 x rays]: colour over the background, opacity.
 // Weights are left in the chunk: see weights().
 struct Composite {

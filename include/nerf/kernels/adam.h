@@ -12,6 +12,10 @@ struct AdamStep {
   float l2 = 0;  // added to the gradient as l2 * weight
 };
 
+// A gradient beyond this counts as this, of its sign: its square would be infinite, and so would v
+// be for ever after, which holds a weight where it is. One that is no number stays none.
+inline constexpr float kMostGradient = 1e18f;
+
 // One step over n parameters; `step` counts from 1. n is a multiple of kLane (linear.h); arrays are
 // aligned to 64 bytes.
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,

@@ -24,7 +24,9 @@ void softplus_backward(int64_t n, float shift, const float* x, const float* dy, 
 // max(x, 0); the derivative is 0 at 0.
 void relu_forward(int64_t n, const float* x, float* y);
 
-// alpha = 1 - exp(-density * delta), without cancellation for small arguments.
+// alpha = 1 - exp(-density * delta), without cancellation for small arguments. A length beyond
+// kLongestInterval, even an infinite one, counts as that: without density it stops no light.
+inline constexpr float kLongestInterval = 1e10f;
 void opacity(int64_t n, const float* density, const float* delta, float* alpha);
 
 // y += x

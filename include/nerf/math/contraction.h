@@ -2,6 +2,10 @@
 // outside it is drawn into the shell between radius 1 and 2.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include "nerf/math/vec.h"
 
 namespace nerf {
@@ -10,6 +14,10 @@ template <class T>
 TVec3<T> contract(const TVec3<T>& x) {
   const T r2 = dot(x, x);
   if (!(r2 > T(1))) return x;
+  if (r2 > std::numeric_limits<T>::max()) {  // its square is infinite, and 1 / |x| nothing beside 2
+    const TVec3<T> d = x / std::max({std::fabs(x.x), std::fabs(x.y), std::fabs(x.z)});
+    return d * (T(2) / length(d));
+  }
   const T r = std::sqrt(r2);
   return x * ((T(2) - T(1) / r) / r);
 }
@@ -27,6 +35,7 @@ template <class T>
 ContractionJacobian<T> contraction_jacobian(const TVec3<T>& x) {
   const T r2 = dot(x, x);
   if (!(r2 > T(1))) return {T(1), T(0), x};
+  if (r2 > std::numeric_limits<T>::max()) return {T(0), T(0), x};  // nothing moves any more
   const T r = std::sqrt(r2);
   // Written without r^4, which would overflow far out: b x x^T = b r^2 (x / r)(x / r)^T.
   return {(T(2) - T(1) / r) / r, (T(2) - T(2) * r) / r2, x / r};

@@ -1,0 +1,202 @@
+// Adam on gradients from nothing to the largest float, with rates from nothing to absurd, and with
+// counters that stand at their limit.
+#include "nerf/kernels/adam.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "kernels/exact_adam.h"
+#include "kernels/kernel_test.h"
+#include "nerf/base/threads.h"
+
+namespace nerf::stress {
+namespace {
+
+constexpr double kTiny = std::numeric_limits<float>::min();
+constexpr float kMax = std::numeric_limits<float>::max();
+constexpr float kGradients[] = {0.0f,   -0.0f,  1e-45f, -1e-40f, 1e-38f, 1e-30f, -1e-20f, 1e-18f,
+                                1e-15f, -1e-8f, 1.0f,   -1e5f,   1e15f,  9e17f,  1e18f,   -2e18f,
+                                1e20f,  -1e30f, 1e38f,  -kMax,   kMax,   1e-12f, 0.3f,    -7.0f};
+constexpr size_t kCount = std::size(kGradients) + 8;  // a multiple of kLane; the last stay 0
+static_assert(kCount % kLane == 0);
+
+double counted(float gradient) { return std::clamp(gradient, -kMostGradient, kMostGradient); }
+
+struct State {
+  explicit State(size_t n, float weight = 0) : gradient(n), m(n), v(n), w(n) {
+    for (float& x : w) x = weight;
+  }
+  AlignedArray<float> gradient, m, v, w;
+};
+
+// One step of all by either kernel: rows with counters that stand at step - 1.
+void step_all(bool rows, const AdamStep& options, int64_t step, State& s) {
+  const size_t n = s.w.size();
+  if (!rows) {
+    adam_dense(options, step, static_cast<int64_t>(n), s.gradient.data(), s.m.data(), s.v.data(),
+               s.w.data());
+    return;
+  }
+  std::vector<float> correction(2 * kBiasCorrections);
+  bias_corrections(options, correction.data());
+  AlignedArray<uint8_t> touched(n / 4);
+  AlignedArray<uint16_t> steps(n / 4);
+  for (uint8_t& t : touched) t = 1;
+  for (uint16_t& t : steps) t = static_cast<uint16_t>(std::min<int64_t>(step - 1, 65535));
+  adam_rows(options, static_cast<int64_t>(n / 4), touched.data(), s.gradient.data(), s.m.data(),
+            s.v.data(), steps.data(), s.w.data(), correction.data());
+  for (uint16_t t : steps) ASSERT_EQ(t, std::min<int64_t>(step, 65535));
+}
+
+// The bounds of exact_adam.h, with what vanishes below the smallest normal number: up to three
+// results of either moment, and a gradient, whose square counts as that much less. An error of v
+// moves the root between those of v - error and v + error.
+struct Bounds {
+  Bounds(const AdamStep& o, int64_t step, double g, const ExactStep& want) {
+    m = want.m_error + 4 * kTiny;
+    v = want.v_error + (4 + 2 * std::fabs(g)) * kTiny;
+    const double t = static_cast<double>(step);
+    const double c1 = o.rate / (1 - std::pow(double{o.beta1}, t));
+    const double c2 = 1 / (1 - std::pow(double{o.beta2}, t));
+    const auto root = [&](double at) { return std::sqrt(std::max(at, 0.0) * c2) + o.epsilon; };
+    const double low = root(want.v - v), high = root(want.v + v);
+    const double move = c1 * std::fabs(want.m) / low;
+    // c1 (twice where it is a product), c2, the root, the sum and the quotient; the weight itself.
+    w = c1 / low * m + c1 * std::fabs(want.m) * (1 / low - 1 / high) + 6 * kRoundoff * move +
+        kRoundoff * (std::fabs(want.w) + move) + 2 * kTiny;
+  }
+  double m, v, w;
+};
+
+TEST(StressAdam, OneStepOfEveryMagnitude) {
+  WorstError m("m"), v("v"), weight("weight");
+  for_each_target([&](const std::string&) {
+    for (bool rows : {false, true})
+      for (bool flush : {false, true})
+        for (float rate : {1e-30f, 1e-7f, 0.01f, 1.0f, 1e30f})
+          for (float at : {0.0f, 1e-40f, -0.7f, 1e12f})
+            for (int64_t step : {1, 2, 100, 4095, 4096, 65535, 65536, 1000000000}) {
+              const AdamStep options{.rate = rate};
+              State s(kCount, at);
+              // Moments of an ordinary past, in half of the cases.
+              for (size_t i = 0; i < kCount && step % 2 == 0; ++i) {
+                s.m[i] = i % 3 ? 0.01f : -2.0f;
+                s.v[i] = i % 3 ? 0.01f : 4.0f;
+              }
+              std::copy(std::begin(kGradients), std::end(kGradients), s.gradient.begin());
+              const State before = s;
+              {
+                const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
+                step_all(rows, options, step, s);
+              }
+              for (size_t i = 0; i < kCount; ++i) {
+                const double g = counted(before.gradient[i]);
+                const int64_t t = rows ? std::min<int64_t>(step, 65535) : step;
+                const ExactStep want(options, t, g, before.m[i], before.v[i], before.w[i]);
+                const Bounds bounds(options, t, g, want);
+                ASSERT_TRUE(std::isfinite(s.w[i]) && std::isfinite(s.v[i])) << "gradient " << g;
+                m.compare(s.m[i], want.m, bounds.m, "gradient", g, "step", step);
+                v.compare(s.v[i], want.v, bounds.v, "gradient", g, "step", step);
+                weight.compare(s.w[i], want.w, bounds.w, "gradient", g, "step", step, "rate", rate,
+                               "weight", at, "rows", rows, "flush", flush);
+              }
+            }
+  });
+  m.report();
+  v.report();
+  weight.report();
+}
+
+// Whatever comes, no step is longer than rate (1 - b1) / sqrt((1 - b2) (1 - b1^2 / b2)), by the
+// inequality of Cauchy and Schwarz between the two moments, and every number stays finite.
+TEST(StressAdam, StepsAreBoundedWhateverComes) {
+  const AdamStep options{.rate = 0.5f};
+  const double b1 = options.beta1, b2 = options.beta2;
+  const double most = options.rate * (1 - b1) / std::sqrt((1 - b2) * (1 - b1 * b1 / b2));
+  for_each_target([&](const std::string&) {
+    for (bool rows : {false, true}) {
+      State s(256);
+      for (int64_t step = 1; step <= 400; ++step) {
+        for (size_t i = 0; i < s.w.size(); ++i) {
+          Random random(41, static_cast<uint64_t>(step), i);
+          const size_t kind = i % 4;
+          // Any magnitude after any other; jumps between two; a spike in an ordinary row; then
+          // none.
+          s.gradient[i] = kind == 0   ? kGradients[random.below(std::size(kGradients))]
+                          : kind == 1 ? (step % 2 ? kMax : 1e-30f)
+                          : kind == 2 ? (step == 50 ? -1e30f : random.uniform() - 0.5f)
+                                      : (step < 10 ? 1e30f : 0.0f);
+        }
+        const State before = s;
+        step_all(rows, options, step, s);
+        for (size_t i = 0; i < s.w.size(); ++i) {
+          ASSERT_TRUE(std::isfinite(s.w[i]) && std::isfinite(s.m[i]) && std::isfinite(s.v[i]))
+              << "step " << step << " element " << i;
+          ASSERT_LE(std::fabs(s.w[i] - before.w[i]),
+                    most * (1 + 1e-4) + 2 * kRoundoff * std::fabs(s.w[i]))
+              << "step " << step << " element " << i;
+        }
+      }
+    }
+  });
+}
+
+// The same gradient every time moves a weight by the rate, whatever the gradient's size: the errors
+// of the moments, up to 3 u a step, fade with 1 - b1 and 1 - b2, and the root takes half of v's.
+TEST(StressAdam, ConstantGradientsMoveByTheRate) {
+  WorstError worst("move");
+  const AdamStep options{.rate = 1e-3f};
+  for_each_target([&](const std::string&) {
+    for (bool rows : {false, true})
+      for (float g : {1e-12f, -1e-6f, 1.0f, 1e10f, -1e18f, 1e20f, 1e38f}) {
+        State s(32);
+        for (int64_t step = 1; step <= 200; ++step) {
+          for (float& x : s.gradient) x = g;
+          const float before = s.w[5];
+          step_all(rows, options, step, s);
+          const double u = 3 * kRoundoff;
+          const double error = u / (1 - options.beta1) + 0.5 * u / (1 - options.beta2) +
+                               6 * kRoundoff + options.epsilon / std::fabs(double{g});
+          worst.compare(before - s.w[5], g > 0 ? options.rate : -options.rate,
+                        options.rate * error + kRoundoff * std::fabs(s.w[5]), "gradient", g, "step",
+                        step, "rows", rows);
+        }
+      }
+  });
+  worst.report();
+}
+
+TEST(StressAdam, WithoutGradientNothingMovesAtAnyRate) {
+  for_each_target([&](const std::string&) {
+    for (bool rows : {false, true})
+      for (float rate : {1e-38f, 1.0f, 1e36f})
+        for (float weight : {0.0f, 1e-30f, -1.0f, 1e38f}) {
+          State s(32, weight);
+          for (int64_t step : {1, 2, 3, 70000}) {
+            step_all(rows, AdamStep{.rate = rate}, step, s);
+            for (float w : s.w) ASSERT_EQ(w, weight) << "rate " << rate << " step " << step;
+          }
+        }
+  });
+}
+
+// Nothing hides a gradient that is no number: the health check of training looks for such.
+TEST(StressAdam, GradientsThatAreNoNumbersShow) {
+  for_each_target([&](const std::string&) {
+    for (bool rows : {false, true}) {
+      State s(32, 1);
+      for (size_t i = 0; i < 32; i += 2) s.gradient[i] = std::nanf("");
+      step_all(rows, AdamStep(), 1, s);
+      for (size_t i = 0; i < 32; ++i) EXPECT_EQ(std::isnan(s.w[i]), i % 2 == 0) << i;
+    }
+  });
+}
+
+}  // namespace
+}  // namespace nerf::stress

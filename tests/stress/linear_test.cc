@@ -1,0 +1,188 @@
+// Fully connected layers on numbers of extreme magnitudes.
+#include "nerf/math/reference/linear.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "math/worst_error.h"
+#include "nerf/base/threads.h"
+
+namespace nerf::stress {
+namespace {
+
+constexpr double kTiny = std::numeric_limits<float>::min();
+using Vector = std::vector<double>;
+
+// A number of random sign and magnitude: any power of ten in [low, high], 0 at times.
+float any_size(Random& random, double low, double high) {
+  if (random.uniform() < 0.05f) return random.uniform() < 0.5f ? 0.0f : -0.0f;
+  const double v = std::pow(10.0, uniform(random, low, high));
+  return static_cast<float>(random.uniform() < 0.5f ? v : -v);
+}
+
+struct Case {
+  Case(int i, int o, int64_t n, double low, double high, Random& random)
+      : in(i), out(o), x(i, n), w(static_cast<size_t>(o * weight_stride(i))) {
+    for (int k = 0; k < in; ++k)
+      for (int64_t s = 0; s < x.padded; ++s) x.at(k, s) = any_size(random, low, high);
+    for (int j = 0; j < out; ++j)
+      for (int k = 0; k < in; ++k) weight(j, k) = any_size(random, low, high);
+  }
+  float& weight(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+  float weight(int j, int k) const { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+
+  int in, out;
+  Matrix x;
+  AlignedArray<float> w;
+};
+
+Vector packed(const Case& c, bool absolute) {
+  Vector out;
+  for (int j = 0; j < c.out; ++j)
+    for (int k = 0; k < c.in; ++k)
+      out.push_back(absolute ? std::fabs(c.weight(j, k)) : c.weight(j, k));
+  return out;
+}
+
+// Ranges of powers of ten whose products stay below the largest float, summed over any layer here:
+// all magnitudes mixed, large ones, and small ones whose products vanish.
+constexpr std::pair<double, double> kRanges[] = {{-18, 18}, {15, 18}, {-38, -10}, {-44, -30}};
+
+template <class Body>
+void for_each_case(const Body& body) {
+  for_each_target([&](const std::string&) {
+    for (const auto& [low, high] : kRanges)
+      for (const auto& [in, out] : {std::pair{1, 1}, {31, 5}, {64, 64}, {40, 16}})
+        for (bool flush : {false, true}) {
+          Random random(31, static_cast<uint64_t>(in), flush);
+          SCOPED_TRACE("magnitudes from 1e" + std::to_string(low) + ", inputs " +
+                       std::to_string(in));
+          body(Case(in, out, 48, low, high, random), flush, random);
+        }
+  });
+}
+
+// Each of k + 1 terms, in any order: the roundings of sum |a b|; each term and partial sum below
+// the smallest normal number may be 0, and so may each factor: the other one times kTiny.
+double sum_error(double terms, double size, double factors) {
+  return rounding_bound(terms) * size + kTiny * (terms + factors);
+}
+
+TEST(StressLinear, ForwardOfEveryMagnitude) {
+  WorstError worst("forward");
+  for_each_case([&](const Case& c, bool flush, Random&) {
+    for (bool relu : {false, true}) {
+      Matrix y(c.out, c.x.n);
+      {
+        const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
+        linear_forward(c.in, c.out, c.w.data(), nullptr, c.x.data.data(), y.data.data(), c.x.ld,
+                       c.x.n, relu ? LinearActivation::kRelu : LinearActivation::kNone);
+      }
+      const Vector w = packed(c, false), absolute = packed(c, true);
+      for (int64_t s = 0; s < c.x.n; ++s) {
+        Vector x = c.x.column(s);
+        const Vector want = reference::linear(w, {}, x, static_cast<size_t>(c.out), relu);
+        double factors = 0;
+        for (double& v : x) factors += (v = std::fabs(v));
+        const Vector size = reference::linear(absolute, {}, x, static_cast<size_t>(c.out), false);
+        for (int j = 0; j < c.out; ++j) {
+          const size_t at = static_cast<size_t>(j);
+          double all = factors;
+          for (int k = 0; k < c.in; ++k) all += std::fabs(c.weight(j, k));
+          ASSERT_TRUE(std::isfinite(y.at(j, s))) << "row " << j << " sample " << s;
+          worst.compare(y.at(j, s), want[at], sum_error(c.in + 1, size[at], all), "row", j,
+                        "sample", s, "flush", flush);
+        }
+      }
+    }
+  });
+  worst.report();
+}
+
+TEST(StressLinear, BackwardOfEveryMagnitude) {
+  WorstError input("input"), weight("weight");
+  for_each_case([&](const Case& c, bool flush, Random& random) {
+    const auto [low, high] = std::pair{-18.0, 17.0};
+    Matrix dy(c.out, c.x.n), dx(c.in, c.x.n);
+    for (int j = 0; j < c.out; ++j)
+      for (int64_t s = 0; s < dy.padded; ++s)
+        dy.at(j, s) = s < dy.n ? any_size(random, low, high) : 0.0f;
+    AlignedArray<float> dw(c.w.size());
+    {
+      const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
+      linear_backward_input(c.in, c.out, c.w.data(), dy.data.data(), dx.data.data(), c.x.ld, c.x.n,
+                            nullptr);
+      linear_backward_weights(c.in, c.out, dy.data.data(), c.x.data.data(), c.x.ld, c.x.n,
+                              dw.data(), nullptr);
+    }
+    for (int k = 0; k < c.in; ++k)
+      for (int64_t s = 0; s < c.x.n; ++s) {
+        double want = 0, size = 0, factors = 0;
+        for (int j = 0; j < c.out; ++j) {
+          const double a = c.weight(j, k), b = dy.at(j, s);
+          want += a * b;
+          size += std::fabs(a * b);
+          factors += std::fabs(a) + std::fabs(b);
+        }
+        ASSERT_TRUE(std::isfinite(dx.at(k, s)));
+        input.compare(dx.at(k, s), want, sum_error(c.out + 1, size, factors), "row", k, "sample", s,
+                      "flush", flush);
+      }
+    for (int j = 0; j < c.out; ++j)
+      for (int k = 0; k < c.in; ++k) {
+        double want = 0, size = 0, factors = 0;
+        for (int64_t s = 0; s < c.x.n; ++s) {
+          const double a = dy.at(j, s), b = c.x.at(k, s);
+          want += a * b;
+          size += std::fabs(a * b);
+          factors += std::fabs(a) + std::fabs(b);
+        }
+        const double got = dw[static_cast<size_t>(j * weight_stride(c.in) + k)];
+        ASSERT_TRUE(std::isfinite(got));
+        weight.compare(got, want, sum_error(static_cast<double>(c.x.n) + 1, size, factors), "row",
+                       j, "column", k, "flush", flush);
+      }
+  });
+  input.report();
+  weight.report();
+}
+
+// A sample whose numbers overflow, or are none, is alone with it: all others keep every bit.
+TEST(StressLinear, OverflowInOneSampleTouchesNoOther) {
+  for_each_target([&](const std::string&) {
+    for (const auto& [in, out] : {std::pair{5, 3}, {31, 16}, {64, 64}})
+      for (float odd : {1e38f, std::numeric_limits<float>::infinity(), std::nanf("")})
+        for (int64_t at : {0, 7, 15, 16, 39}) {
+          Random random(32, 0, 0);
+          const Case c(in, out, 40, -2, 2, random);
+          Case broken = c;
+          for (int k = 0; k < in; ++k) broken.x.at(k, at) = odd;
+          Matrix y[2] = {{out, 40}, {out, 40}}, dx[2] = {{in, 40}, {in, 40}};
+          for (int i = 0; i < 2; ++i) {
+            const Matrix& x = i ? broken.x : c.x;
+            linear_forward(in, out, c.w.data(), nullptr, x.data.data(), y[i].data.data(), x.ld, 40,
+                           LinearActivation::kRelu);
+            Matrix dy(out, 40);
+            for (int j = 0; j < out; ++j)
+              for (int64_t s = 0; s < dy.padded; ++s)
+                dy.at(j, s) = s >= 40 ? 0.0f : i && s == at ? odd : 0.5f;
+            linear_backward_input(in, out, c.w.data(), dy.data.data(), dx[i].data.data(), dy.ld, 40,
+                                  nullptr);
+          }
+          for (int64_t s = 0; s < 40; ++s) {
+            if (s == at) continue;
+            for (int j = 0; j < out; ++j) ASSERT_EQ(y[0].at(j, s), y[1].at(j, s)) << s;
+            for (int k = 0; k < in; ++k) ASSERT_EQ(dx[0].at(k, s), dx[1].at(k, s)) << s;
+          }
+        }
+  });
+}
+
+}  // namespace
+}  // namespace nerf::stress

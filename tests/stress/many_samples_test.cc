@@ -1,0 +1,81 @@
+// A million samples on one ray: what each of them is off by must not add up.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "stress/composite_run.h"
+
+namespace nerf::stress {
+namespace {
+
+constexpr int kMillion = 1000000;
+
+// The bounds of check_ray do not grow with the number of samples.
+TEST(StressManySamples, RandomMatter) {
+  CompositeErrors errors;
+  for (double depth : {1e-6, 0.1, 1.0, 20.0, 1e4}) {
+    Random random(11, 0, 0);
+    Matter m;
+    for (int i = 0; i < kMillion; ++i)
+      m.add(static_cast<float>(2 * depth * random.uniform()), 1.0f / kMillion,
+            {random.uniform(), random.uniform(), random.uniform()});
+    check_ray(m, errors, "depth", depth);
+  }
+  errors.report();
+}
+
+// All alike, so that every rounding goes the same way: opacities that lie between two neighbours of
+// 1 - alpha, or below the last of them, where the product of floats would stand still or run ahead.
+TEST(StressManySamples, HomogeneousMatterIsItsClosedForm) {
+  WorstError worst("closed_form");
+  for_each_target([&](const std::string&) {
+    for (double steps : {0.3, 0.49, 0.51, 1.49, 2.51, 16.5, 100.49, 400.51}) {
+      const double tau = steps * kRoundoff;
+      Matter m;
+      for (int i = 0; i < kMillion; ++i) m.add(static_cast<float>(tau), 1, {0.8f, 0.1f, 0.6f});
+      const Rendered got = run_composite(m);
+      const double depth = double{static_cast<float>(tau)} * kMillion, left = std::exp(-depth);
+      double sum = 0;
+      for (double w : got.weights) sum += w;
+      EXPECT_LE(sum, 1 + 1e-6) << steps;
+      worst.compare(sum, 1 - left, kPixelError, "steps", steps, "sum of weights");
+      worst.compare(got.pixel[3], 1 - left, kPixelError, "steps", steps, "opacity");
+      for (size_t k = 0; k < 3; ++k)
+        worst.compare(got.pixel[k], (1 - left) * m.colour[0][k] + left * m.background[k],
+                      kPixelError, "steps", steps, "channel", k);
+      // d / d density_i of (1 - T) s + T b is delta T (s - b), the same for every sample.
+      double s = m.gradient[3], b = 0;
+      for (size_t k = 0; k < 3; ++k) {
+        s += double{m.colour[0][k]} * double{m.gradient[k]};
+        b += double{m.background[k]} * double{m.gradient[k]};
+      }
+      for (size_t i = 0; i < m.size(); i += 997)
+        worst.compare(got.d_density[i], left * (s - b), kGradientError * 2, "steps", steps,
+                      "gradient", i);
+    }
+  });
+  worst.report();
+}
+
+// Mist that nobody sees, a wall, and mist behind it.
+TEST(StressManySamples, WallInTheMiddle) {
+  CompositeErrors errors;
+  for (float mist : {0.0f, 1e-9f, 1e-6f}) {
+    Matter m;
+    for (int i = 0; i < kMillion; ++i)
+      m.add(i == kMillion / 2 ? 1e10f : mist, 1, {0.1f, i % 2 ? 0.9f : 0.2f, 0.5f});
+    check_ray(m, errors, "mist", mist);
+    const Rendered got = run_composite(m);
+    for (size_t i = kMillion / 2 + 1; i < m.size(); i += 101) {
+      EXPECT_EQ(got.weights[i], 0);
+      EXPECT_EQ(got.d_density[i], 0);
+    }
+  }
+  errors.report();
+}
+
+}  // namespace
+}  // namespace nerf::stress

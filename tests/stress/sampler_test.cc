@@ -1,0 +1,227 @@
+// Samples drawn from coarse distributions that are hard to draw from: one spike, nothing at all,
+// slivers, and options at their limits.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "math/worst_error.h"
+#include "nerf/parts/ray_sampler.h"
+#include "parts/occupancy_pattern.h"
+
+namespace nerf::stress {
+namespace {
+
+constexpr float kInf = std::numeric_limits<float>::infinity();
+
+Ray ray_of(const Vec3d& origin, const Vec3d& direction, double near = 0, double far = 1e30) {
+  return {origin, normalized(direction), near, far};
+}
+
+// Along cells, through their corners, and windows that hold a whole cell, a sliver and next to
+// nothing.
+std::vector<Ray> rays() {
+  std::vector<Ray> out = {
+      ray_of({-2, 0.1, 0.1}, {1, 0, 0}),         ray_of({-2, -2, -2}, {1, 1, 1}),
+      ray_of({-2, -2, 0.1}, {1, 1, 1e-7}),       ray_of({-2, 0.25, 0.1}, {1, 0, 1e-3}),
+      ray_of({1.5, 0.3, -1.2}, {-1, -0.2, 0.9}), ray_of({-1e5, 0.1, 0.1}, {1, 0, 0})};
+  for (double length : {1.0 / 64, 1e-3, 1e-5, 3e-6})
+    out.push_back(ray_of({-2, 0.1, 0.1}, {1, 0, 0}, 2.001, 2.001 + length));
+  return out;
+}
+
+struct Histogram {
+  std::string name;
+  Pattern pattern;
+};
+std::vector<Histogram> histograms() {
+  std::vector<Histogram> out;
+  out.push_back({"flat", [](const CellPlace&) -> uint8_t { return 40; }});
+  out.push_back({"nothing", [](const CellPlace&) -> uint8_t { return 1; }});
+  out.push_back({"opaque", [](const CellPlace&) -> uint8_t { return 255; }});
+  for (int at : {0, 1, 64, 127})
+    out.push_back({"spike_at_" + std::to_string(at),
+                   [at](const CellPlace& p) -> uint8_t { return p.x == at ? 255 : 1; }});
+  out.push_back(
+      {"spikes", [](const CellPlace& p) -> uint8_t { return p.x % 7 == 0 ? 250 : p.x % 2; }});
+  out.push_back({"lone_cell", [](const CellPlace& p) -> uint8_t { return p.x == 70 ? 9 : 0; }});
+  return out;
+}
+
+std::vector<SamplerOptions> all_options() {
+  std::vector<SamplerOptions> out;
+  for (float share : {1.0f, 10.0f, 1e-3f, 1e-6f, 1e-20f, 1e-38f, 1e-44f, 0.0f})
+    for (float per_cell : {1e-30f, 0.1f, 3.0f, 1e9f, 1e30f, kInf})
+      for (const auto& [fewest, most] : {std::pair{1, 1}, {2, 32}, {240, 240}, {7, 240}}) {
+        SamplerOptions o;
+        o.max_samples = most;
+        o.min_samples = fewest;
+        o.samples_per_cell = per_cell;
+        o.uniform_share = share;
+        o.min_transmittance = 0;
+        out.push_back(o);
+      }
+  return out;
+}
+
+// Length of matter in front of t.
+double matter_before(std::span<const Segment> segments, double t) {
+  double sum = 0;
+  for (const Segment& s : segments)
+    sum += std::clamp(t - double{s.t0}, 0.0, double{s.t1} - double{s.t0});
+  return sum;
+}
+
+// Lengths add up to the matter, places ascend, each inside its interval. Each number is a sum of at
+// most n lengths, or a difference of two.
+TEST(StressSampler, EveryDistributionIsPartitioned) {
+  WorstError sum("sum_of_lengths"), place("place");
+  const std::vector<SamplerOptions> options = all_options();
+  for (const Histogram& h : histograms()) {
+    const OccupancyGrid grid = make_grid(1, h.pattern);
+    for (size_t o = 0; o < options.size(); ++o) {
+      RaySampler sampler(grid, options[o], kEverywhere);
+      const std::vector<Ray> all = rays();
+      for (size_t r = 0; r < all.size(); ++r)
+        for (int mode = 0; mode < 4; ++mode) {
+          const bool flush = mode == 3;
+          Random random(61, o, r);
+          RaySamples out;
+          int count = 0;
+          {
+            const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
+            count = sampler.sample(all[r], mode % 2 ? &random : nullptr, mode != 2, out);
+          }
+          SCOPED_TRACE(h.name + " options " + std::to_string(o) + " ray " + std::to_string(r) +
+                       " mode " + std::to_string(mode));
+          const auto segments = sampler.segments();
+          if (segments.empty()) {
+            ASSERT_EQ(count, 0);
+            continue;
+          }
+          ASSERT_GE(count, options[o].min_samples);
+          ASSERT_LE(count, options[o].max_samples);
+          const double length = matter_before(segments, segments.back().t1);
+          const double n = static_cast<double>(segments.size()) + count;
+          const double tolerance = rounding_bound(n + 4) * length;
+          double total = 0, before = segments.front().t0;
+          for (size_t k = 0; k < out.t.size(); ++k) {
+            const double t = out.t[k], delta = out.delta[k];
+            ASSERT_TRUE(std::isfinite(t) && std::isfinite(delta) && delta >= 0) << k;
+            ASSERT_GE(t, before) << k;
+            // f width is rounded, and so is its sum with t0.
+            ASSERT_LE(t, segments.back().t1 + 2 * kRoundoff * segments.back().t1) << k;
+            before = t;
+            const double at = matter_before(segments, t);
+            place.compare(std::max({0.0, total - at, at - (total + delta)}), 0,
+                          tolerance + 2 * kRoundoff * t, h.name, "options", o, "ray", r, "sample",
+                          k);
+            total += delta;
+          }
+          sum.compare(total, length, tolerance, h.name, "options", o, "ray", r, "count", count);
+        }
+    }
+  }
+  sum.report();
+  place.report();
+}
+
+// The number of samples goes to its limits where what is asked for is more, or less, than any.
+TEST(StressSampler, CountsAreAtTheirLimits) {
+  const OccupancyGrid grid = make_grid(1, [](const CellPlace&) -> uint8_t { return 1; });
+  SamplerOptions options;
+  options.min_samples = 3;
+  options.max_samples = 77;
+  RaySamples out;
+  const auto count = [&](float per_cell) {
+    options.samples_per_cell = per_cell;
+    RaySampler sampler(grid, options, kEverywhere);
+    return sampler.sample(rays()[0], nullptr, true, out);
+  };
+  for (float few : {0.0f, 1e-45f, 1e-30f, 1e-3f}) EXPECT_EQ(count(few), 3) << few;
+  for (float many : {10.0f, 1e7f, 3e7f, 1e10f, 1e30f, std::numeric_limits<float>::max(), kInf})
+    EXPECT_EQ(count(many), 77) << many;
+}
+
+// Passages so short that no light is stopped in float: all matter alike, as without the cache.
+TEST(StressSampler, WithoutAnyMassAllMatterIsAlike) {
+  const OccupancyGrid grid = make_grid(1, [](const CellPlace&) -> uint8_t { return 1; });
+  SamplerOptions options;
+  options.uniform_share = 0;
+  options.min_transmittance = 0;
+  options.min_samples = options.max_samples = 7;
+  RaySampler sampler(grid, options, kEverywhere);
+  // Across a plane, 1/64 behind the border that the ray enters through.
+  const Ray ray = ray_of({-2, 0.1, 0.1}, {1, 0, 0}, 1 + 1.0 / 64 - 3e-6, 1 + 1.0 / 64 + 3e-6);
+  RaySamples cached, alike;
+  ASSERT_EQ(sampler.sample(ray, nullptr, false, alike), 7);
+  ASSERT_EQ(sampler.segments().size(), 2u);
+  ASSERT_EQ(sampler.sample(ray, nullptr, true, cached), 7);
+  EXPECT_EQ(cached.t, alike.t);
+  EXPECT_EQ(cached.delta, alike.delta);
+  EXPECT_GT(alike.delta.front(), 0);
+}
+
+// The distribution in double at the borders that were found in float: each interval holds one
+// count-th of the mass. A mass of n segments, each made with a few roundings and with 1 - exp(-x)
+// that is off by 2 u of 1, is off by no more than that times the largest total, and so is the
+// border.
+TEST(StressSampler, IntervalsHoldEqualMass) {
+  WorstError worst("mass");
+  for (const Histogram& h : histograms()) {
+    const OccupancyGrid grid = make_grid(1, h.pattern);
+    for (float uniform : {1.0f, 10.0f, 0.01f})
+      for (int most : {1, 8, 240}) {
+        SamplerOptions options;
+        options.min_samples = options.max_samples = most;
+        options.uniform_share = uniform;
+        options.min_transmittance = 0;
+        RaySampler sampler(grid, options, kEverywhere);
+        for (const Ray& ray : rays()) {
+          RaySamples out;
+          sampler.sample(ray, nullptr, true, out);
+          const auto segments = sampler.segments();
+          const size_t n = segments.size();
+          if (n == 0) continue;
+          const double length = matter_before(segments, segments.back().t1);
+          std::vector<double> light(n + 2), mass(n);
+          double transmittance = 1, total = 0;
+          for (size_t i = 0; i < n; ++i) {
+            light[i + 1] = transmittance * -std::expm1(-double{segments[i].thickness});
+            transmittance *= std::exp(-double{segments[i].thickness});
+          }
+          for (size_t i = 0; i < n; ++i) {
+            const double width = double{segments[i].t1} - double{segments[i].t0};
+            mass[i] = 0.5 * light[i + 1] + 0.25 * (light[i] + light[i + 2]) +
+                      double{uniform} * width / length;
+            total += mass[i];
+          }
+          double border = 0;
+          for (size_t k = 0; k < out.t.size(); ++k) {
+            border += out.delta[k];
+            double left = border, below = 0;
+            double steepest = 0;
+            for (size_t i = 0; i < n; ++i) {
+              const double width = double{segments[i].t1} - double{segments[i].t0};
+              below += mass[i] * std::clamp(left / width, 0.0, 1.0);
+              left -= width;
+              steepest = std::max(steepest, mass[i] / width);
+            }
+            const double roundings = static_cast<double>(n) + 8;
+            worst.compare(below, total * static_cast<double>(k + 1) / most,
+                          rounding_bound(4 * roundings) * (total + 1) +
+                              rounding_bound(roundings + most) * length * steepest,
+                          h.name, "uniform", uniform, "of", most, "border", k);
+          }
+        }
+      }
+  }
+  worst.report();
+}
+
+}  // namespace
+}  // namespace nerf::stress
