@@ -47,7 +47,9 @@ class RenderWeights : public Operation {
       const auto length = [&](int k) {
         return static_cast<double>(std::min(delta[k], kLongestInterval));
       };
-      const auto seen = [&](int k) { return static_cast<double>(w[k]) * static_cast<double>(g[k]); };
+      const auto seen = [&](int k) {
+        return static_cast<double>(w[k]) * static_cast<double>(g[k]);
+      };
       double t_after = 0, behind = 0;
       if (opaque_end_) {
         --i;
@@ -94,8 +96,8 @@ class Accumulate : public Operation {
         sum[3] += weight;
       }
       for (int k = 0; k < 3; ++k)
-        pixel[k * lr + r] = static_cast<float>(
-            sum[k] + (1 - sum[3]) * static_cast<double>(background[k * lr + r]));
+        pixel[k * lr + r] =
+            static_cast<float>(sum[k] + (1 - sum[3]) * static_cast<double>(background[k * lr + r]));
       pixel[3 * lr + r] = static_cast<float>(sum[3]);
     }
   }

@@ -217,7 +217,8 @@ NetworkTape::NetworkTape(const NetworkField& field, int level, int rays, Purpose
   weights = render_weights(tape, density, delta, o.opaque_end);
   weight_operations_ = tape.operations();
 
-  if (n.has_colour && (purpose == Purpose::kRender || losses.colour)) {
+  if (n.has_colour &&
+      (purpose == Purpose::kRender || (purpose == Purpose::kTrain && losses.colour))) {
     Value seen = h;
     if (o.view_dependence) {
       const std::vector<float> all(static_cast<size_t>(o.direction_degrees), 1.0f);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "nerf/base/error.h"
 #include "nerf/kernels/elementwise.h"
@@ -48,15 +49,26 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
     levels_.push_back(std::make_unique<Level>(field, l, rays, training, of_level));
     levels_.back()->posts.resize(static_cast<size_t>(rays * sampler_.posts(l)));
     levels_.back()->chunk.weights = field.weights.data();
+    if (can_skip()) {
+      Level& level = *levels_.back();
+      level.probe =
+          std::make_unique<NetworkTape>(field, l, rays, NetworkTape::Purpose::kDensity, of_level);
+      level.probe_chunk = std::make_unique<Chunk>(level.probe->tape);
+      level.probe_chunk->weights = field.weights.data();
+    }
     for (int r = 0; r <= rays; ++r) levels_.back()->ray_begin.push_back(r * sampler_.samples(l));
   }
+}
+
+bool NetworkLevels::can_skip() const {
+  return training_ && field_.options.density == DensityActivation::kRelu;
 }
 
 // The Gaussian around [t0, t1] of the ray (or its middle, a point), warped and projected on the
 // encoding's axes: with J the warp's Jacobian and q = J p the variance along p is
 // t_var (d . q)^2 + r_var (|q|^2 - (d . q)^2).
 void NetworkLevels::place_sample(const NetworkRay& ray, float t0, float t1, int column,
-                                 Level& level) {
+                                 const NetworkTape& tape, Chunk& chunk) const {
   const NetworkOptions& o = field_.options;
   const bool cone = o.cast == Cast::kCone;
   const RayGaussian<float> g =
@@ -64,13 +76,13 @@ void NetworkLevels::place_sample(const NetworkRay& ray, float t0, float t1, int 
   const Vec3 mean = ray.origin + ray.direction * g.t_mean;
   const bool warped = o.space == Space::kContract;
   const Vec3 at = warped ? contract(mean) : mean;
-  const int64_t ld = level.chunk.stride(level.tape.position);
-  float* position = level.chunk.data(level.tape.position) + column;
+  const int64_t ld = chunk.stride(tape.position);
+  float* position = chunk.data(tape.position) + column;
   if (!o.integrated()) {
     for (int k = 0; k < 3; ++k) position[k * ld] = at[k];
     return;
   }
-  float* variance = level.chunk.data(level.tape.variance) + column;
+  float* variance = chunk.data(tape.variance) + column;
   const auto jacobian =
       warped ? contraction_jacobian(mean) : ContractionJacobian<float>{1, 0, mean};
   for (size_t k = 0; k < axes_.size(); ++k) {
@@ -82,49 +94,94 @@ void NetworkLevels::place_sample(const NetworkRay& ray, float t0, float t1, int 
   }
 }
 
-void NetworkLevels::place_samples(Level& level, int samples) {
+void NetworkLevels::place_rays(const Level& level, const NetworkTape& tape, Chunk& c,
+                               bool training) {
+  c.rays = static_cast<int>(rays_.size());
+  const int64_t lr = c.stride(tape.directions);
+  const bool last = &level == levels_.back().get();
+  for (int r = 0; r < c.rays; ++r) {
+    const NetworkRay& ray = rays_[static_cast<size_t>(r)];
+    for (int k = 0; k < 3; ++k) {
+      c.data(tape.directions)[k * lr + r] = ray.direction[k];
+      c.data(tape.background)[k * lr + r] = ray.background[k];
+    }
+    if (!training || tape.pixel < 0) continue;
+    for (int k = 0; k < 3; ++k) c.data(tape.target)[k * lr + r] = ray.target[k];
+    c.data(tape.scale)[r] = ray.scale * (last ? 1.0f : losses_.coarse);
+  }
+}
+
+void NetworkLevels::place_samples(const Level& level, int samples, const NetworkTape& tape,
+                                  Chunk& c) {
   const size_t posts = static_cast<size_t>(samples) + (sampler_.intervals() ? 1 : 0);
-  Chunk& c = level.chunk;
   c.rays = static_cast<int>(rays_.size());
   c.samples = c.rays * samples;
   c.ray_begin = level.ray_begin.data();
-  float* delta = c.data(level.tape.delta);
-  const int64_t lr = c.stride(level.tape.directions);
+  float* delta = c.data(tape.delta);
   for (int r = 0; r < c.rays; ++r) {
     NetworkRay& ray = rays_[static_cast<size_t>(r)];
-    for (int k = 0; k < 3; ++k) {
-      c.data(level.tape.directions)[k * lr + r] = ray.direction[k];
-      c.data(level.tape.background)[k * lr + r] = ray.background[k];
-    }
-    if (training_ && level.tape.pixel >= 0) {
-      const bool last = &level == levels_.back().get();
-      for (int k = 0; k < 3; ++k) c.data(level.tape.target)[k * lr + r] = ray.target[k];
-      c.data(level.tape.scale)[r] = ray.scale * (last ? 1.0f : losses_.coarse);
-    }
     const float* entry = level.posts.data() + static_cast<size_t>(r) * posts;
     float t0 = sampler_.distance(entry[0]);
     for (int i = 0; i < samples; ++i) {
       const int column = r * samples + i;
       if (sampler_.intervals()) {
         const float t1 = sampler_.distance(entry[i + 1]);
-        place_sample(ray, t0, t1, column, level);
+        place_sample(ray, t0, t1, column, tape, c);
         delta[column] = t1 - t0;
         t0 = t1;
       } else {
-        place_sample(ray, entry[i], entry[i], column, level);
+        place_sample(ray, entry[i], entry[i], column, tape, c);
         delta[column] = i + 1 < samples ? entry[i + 1] - entry[i] : kLongestInterval;
       }
-      if (level.tape.noise >= 0)
-        c.data(level.tape.noise)[column] = losses_.density_noise * normal(ray.random);
+      if (tape.noise >= 0) c.data(tape.noise)[column] = losses_.density_noise * normal(ray.random);
     }
   }
 }
 
-void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent) {
+void NetworkLevels::count_dense(const NetworkTape& tape, const Chunk& c) {
+  const float* density = c.data(tape.density);
+  dense_ += std::count_if(density, density + c.samples, [](float d) { return d > 0; });
+  all_ += c.samples;
+}
+
+// The probe's samples that have density, moved together on the level's own tape.
+void NetworkLevels::keep_dense(Level& level) {
+  const NetworkTape& from = *level.probe;
+  const Chunk& all = *level.probe_chunk;
+  const NetworkTape& to = level.tape;
+  Chunk& c = level.chunk;
+  const float* density = all.data(from.density);
+  level.dense_begin.assign(1, 0);
+  std::vector<int> columns;
+  columns.reserve(static_cast<size_t>(all.samples));
+  for (int r = 0; r < all.rays; ++r) {
+    const int end = all.ray_begin[r + 1];
+    for (int i = all.ray_begin[r]; i < end; ++i)
+      if (density[i] > 0 || (field_.options.opaque_end && i + 1 == end)) columns.push_back(i);
+    level.dense_begin.push_back(static_cast<int32_t>(columns.size()));
+  }
+  c.samples = static_cast<int>(columns.size());
+  c.ray_begin = level.dense_begin.data();
+  const auto move_rows = [&](Value a, Value b) {
+    if (a < 0) return;
+    for (int row = 0; row < from.tape.rows(a); ++row) {
+      const float* x = all.data(a) + row * all.stride(a);
+      float* y = c.data(b) + row * c.stride(b);
+      for (size_t i = 0; i < columns.size(); ++i) y[i] = x[columns[i]];
+    }
+  };
+  move_rows(from.position, to.position);
+  if (field_.options.integrated()) move_rows(from.variance, to.variance);
+  move_rows(from.delta, to.delta);
+  move_rows(from.noise, to.noise);
+}
+
+void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool skip) {
   rays_ = rays;
+  dense_ = all_ = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {
     Level& level = *levels_[l];
-    const int at = static_cast<int>(l);
+    const int at = static_cast<int>(l), samples = sampler_.samples(at);
     const size_t posts = static_cast<size_t>(sampler_.posts(at));
     for (size_t r = 0; r < rays.size(); ++r) {
       Random* random = training_ ? &rays[r].random : nullptr;
@@ -135,13 +192,23 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent) {
         sampler_.next(at, this->posts(at - 1, static_cast<int>(r)),
                       weights(at - 1, static_cast<int>(r)), exponent, random, out);
     }
-    place_samples(level, sampler_.samples(at));
     level.chunk.loss = 0;
+    place_rays(level, level.tape, level.chunk, training_);
+    level.skipped = skip && level.probe;
+    if (level.skipped) {
+      place_samples(level, samples, *level.probe, *level.probe_chunk);
+      level.probe->forward_weights(*level.probe_chunk);
+      count_dense(*level.probe, *level.probe_chunk);
+      keep_dense(level);
+    } else {
+      place_samples(level, samples, level.tape, level.chunk);
+    }
     // A picture needs the last level's colours only.
     if (training_ || l + 1 == levels_.size())
       level.tape.forward(level.chunk);
     else
       level.tape.forward_weights(level.chunk);
+    if (can_skip() && !level.skipped) count_dense(level.tape, level.chunk);
   }
 }
 
@@ -150,7 +217,12 @@ double NetworkLevels::losses_on_weights(size_t l) {
   if (level.tape.weight_gradient < 0) return 0;
   const bool last = l + 1 == levels_.size();
   const size_t n = static_cast<size_t>(samples(static_cast<int>(l)));
+  std::vector<float> of_all;
   float* gradient = level.chunk.data(level.tape.weight_gradient);
+  if (level.skipped) {
+    of_all.resize(rays_.size() * n);
+    gradient = of_all.data();
+  }
   std::fill_n(gradient, rays_.size() * n, 0.0f);
   const auto normalised = [&](int of_level, int ray, std::vector<float>& edges) {
     edges.clear();
@@ -178,6 +250,14 @@ double NetworkLevels::losses_on_weights(size_t l) {
                               losses_.interlevel * per_ray * share, out);
     }
   }
+  if (level.skipped) {  // those without density get none
+    const float* density = std::as_const(*level.probe_chunk).data(level.probe->density);
+    float* kept = level.chunk.data(level.tape.weight_gradient);
+    for (size_t i = 0; i < of_all.size(); ++i) {
+      const bool end = field_.options.opaque_end && (i + 1) % n == 0;
+      if (density[i] > 0 || end) *kept++ = of_all[i];
+    }
+  }
   return loss;
 }
 
@@ -196,7 +276,10 @@ double NetworkLevels::backward(float* weight_gradient) {
 
 uint64_t NetworkLevels::arena_bytes() const {
   uint64_t sum = 0;
-  for (const auto& level : levels_) sum += level->tape.tape.arena_floats() * sizeof(float);
+  for (const auto& level : levels_) {
+    sum += level->tape.tape.arena_floats() * sizeof(float);
+    if (level->probe) sum += level->probe->tape.arena_floats() * sizeof(float);
+  }
   return sum;
 }
 
@@ -211,7 +294,9 @@ void NetworkLevels::pixel(int ray, float rgb[3], float& opacity) const {
 std::span<const float> NetworkLevels::weights(int level, int ray) const {
   const Level& l = *levels_[static_cast<size_t>(level)];
   const size_t n = static_cast<size_t>(samples(level));
-  return {l.chunk.data(l.tape.weights) + static_cast<size_t>(ray) * n, n};
+  const float* all = l.skipped ? std::as_const(*l.probe_chunk).data(l.probe->weights)
+                               : l.chunk.data(l.tape.weights);
+  return {all + static_cast<size_t>(ray) * n, n};
 }
 
 std::span<const float> NetworkLevels::posts(int level, int ray) const {

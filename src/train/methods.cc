@@ -107,7 +107,7 @@ void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
   n.sampling.coarse /= divide_samples;
   n.sampling.fine /= divide_samples;
   o.steps = 0;
-  o.hold = 0.1;
+  o.hold = 0.25;  // a plan of minutes is made when empty samples are already known
   o.recipe.rays = rays;
   o.recipe.one_photo = false;
   o.recipe.crop_steps = std::min(o.recipe.crop_steps, 100);

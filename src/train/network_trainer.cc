@@ -114,6 +114,8 @@ void NetworkTrainer::run_chunks() {
   const double share = progress_at(done);
   const float exponent =
       options.recipe.anneal ? annealing_exponent(static_cast<float>(share)) : 1.0f;
+  const bool skip =
+      options.recipe.skip && workers[0]->can_skip() && dense_share < NetworkLevels::kSkipPays;
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
     NetworkLevels& levels = *workers[static_cast<size_t>(thread)];
     AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
@@ -124,7 +126,9 @@ void NetworkTrainer::run_chunks() {
       const size_t begin = static_cast<size_t>(c * rays_per_chunk);
       const size_t end = std::min(rays.size(), begin + static_cast<size_t>(rays_per_chunk));
       const std::span<NetworkRay> part(rays.data() + begin, end - begin);
-      levels.forward(part, exponent);
+      levels.forward(part, exponent, skip);
+      s.dense += levels.dense_samples();
+      s.all += levels.all_samples();
       s.loss += levels.backward(sum.data());
       for (size_t r = 0; r < part.size(); ++r) {
         if (part[r].scale == 0) continue;
@@ -201,11 +205,18 @@ StepReport NetworkTrainer::step() {
                v.data() + at, field.weights.data() + at);
   });
   lap.into(profile.update);
+  int64_t dense = 0, all = 0;
+  for (const Sums& s : sums) {
+    dense += s.dense;
+    all += s.all;
+  }
+  dense_share = all > 0 ? static_cast<double>(dense) / static_cast<double>(all) : 1;
   report.step = ++done;
   return report;
 }
 
 void NetworkTrainer::begin_anew() {
+  dense_share = 1;
   std::fill(m.begin(), m.end(), 0.0f);
   std::fill(v.begin(), v.end(), 0.0f);
   field.initialise(options.seed ^ salt);
@@ -226,13 +237,16 @@ void visit_arrays(T& t, Visit&& visit) {
 
 }  // namespace
 
-void NetworkTrainer::save_state(internal::ContainerWriter& file, nlohmann::ordered_json&) const {
+void NetworkTrainer::save_state(internal::ContainerWriter& file,
+                                nlohmann::ordered_json& scalars) const {
+  scalars["dense_share"] = dense_share;
   visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
 }
 
 void NetworkTrainer::load_state(const internal::ContainerReader& file,
-                                const internal::JsonFields&) {
+                                const internal::JsonFields& scalars) {
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
+  dense_share = scalars.number("dense_share");
 }
 
 }  // namespace nerf

@@ -41,8 +41,11 @@ struct NetworkTrainer final : TrainerImpl {
   std::vector<uint8_t> drawn;  // whether a ray's draw gave a pixel
   struct Sums {
     double loss = 0, squared_error = 0, opacity = 0;
+    int64_t dense = 0, all = 0;  // samples with density, and all
   };
   std::vector<Sums> sums;  // of each accumulator
+
+  double dense_share = 1;  // of the last step's samples: decides what the next one skips
 };
 
 }  // namespace nerf

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -133,6 +134,45 @@ TEST(NetworkLevels, RaysDoNotMeetEachOther) {
       for (int k = 0; k < 3; ++k) EXPECT_EQ(a[k], b[k]);
     }
   }
+}
+
+// Samples without density are left out of everything but their density: the same pixels and
+// weights, the same gradient but for the order of its sums.
+TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
+  NetworkOptions relu_360 = small_network(mipnerf360_options());
+  relu_360.density = DensityActivation::kRelu;
+  for (const NetworkOptions& o : {small_network(nerf_options()), relu_360})
+    for (float bias : {-0.2f, -100.0f}) {  // some samples have density; none has
+      NetworkField field(o, 0.5, 4);
+      field.initialise(3);
+      for (const RadianceNetwork& n : field.networks) field.weights[n.density.bias_offset()] = bias;
+      const NetworkLosses losses{o.proposal_colour ? 1.0f : 0.0f, 1, 0.01f, 0, 0.1f};
+      NetworkLevels whole(field, 5, true, losses), part(field, 5, true, losses);
+      ASSERT_TRUE(whole.can_skip());
+      auto rays = some_rays(5, 2), again = rays;
+      whole.forward(rays, 1, false);
+      part.forward(again, 1, true);
+      EXPECT_EQ(whole.all_samples(), part.all_samples());
+      EXPECT_EQ(whole.dense_samples(), part.dense_samples());
+      EXPECT_LT(part.dense_samples(), 0.9 * static_cast<double>(part.all_samples()));
+      EXPECT_EQ(part.dense_samples() > 0, bias > -1);
+      for (int r = 0; r < 5; ++r) {
+        float a[3], b[3], oa, ob;
+        whole.pixel(r, a, oa);
+        part.pixel(r, b, ob);
+        EXPECT_EQ(oa, ob);
+        for (int k = 0; k < 3; ++k) EXPECT_EQ(a[k], b[k]);
+        for (int l = 0; l < whole.levels(); ++l)
+          EXPECT_TRUE(std::ranges::equal(whole.weights(l, r), part.weights(l, r)));
+      }
+      AlignedArray<float> want(field.weights.size()), got(field.weights.size());
+      const double loss = whole.backward(want.data());
+      EXPECT_NEAR(part.backward(got.data()), loss, 1e-12 * loss);
+      double largest = 0;
+      for (const float g : want) largest = std::max(largest, std::fabs(static_cast<double>(g)));
+      for (size_t i = 0; i < want.size(); ++i)
+        ASSERT_NEAR(got[i], want[i], 64 * 0x1p-24 * largest) << i;
+    }
 }
 
 Camera small_camera() {

@@ -60,8 +60,9 @@ std::span<const Vec3> off_axis_directions();
 // A level's network on a tape, with the values that a caller fills and reads.
 struct NetworkTape {
   enum class Purpose {
-    kTrain,   // with losses
-    kRender,  // density, weights and pixel
+    kTrain,    // with losses
+    kRender,   // density, weights and pixel
+    kDensity,  // density and weights
   };
 
   Tape tape;

@@ -44,7 +44,18 @@ class NetworkLevels {
   // At most as many rays as the constructor was told; they must stay until backward() is done.
   // exponent: what weights are raised to before they are drawn from (kProposal). Training draws
   // every position from the ray's random numbers.
-  void forward(std::span<NetworkRay> rays, float exponent);
+  void forward(std::span<NetworkRay> rays, float exponent) { forward(rays, exponent, false); }
+
+  // Training with `skip`: where a ReLU leaves no density a sample has no light and no gradient, so
+  // that densities are found first and everything else is computed for the other samples only. The
+  // same values; it pays where less than kSkipPays of all samples have density.
+  void forward(std::span<NetworkRay> rays, float exponent, bool skip);
+  bool can_skip() const;
+  // Samples of the last forward() that have density, and all of them. Known with can_skip().
+  int64_t dense_samples() const { return dense_; }
+  int64_t all_samples() const { return all_; }
+  // One more evaluation of all against three of the dense.
+  static constexpr double kSkipPays = 0.6;
 
   // Adds the gradients of the rays' losses to `weight_gradient` (laid out as field.weights) and
   // returns the loss.
@@ -71,12 +82,20 @@ class NetworkLevels {
           chunk(tape.tape) {}
     NetworkTape tape;
     Chunk chunk;
-    std::vector<int32_t> ray_begin;
-    std::vector<float> posts;  // entries of all rays
+    std::vector<int32_t> ray_begin;      // of all samples
+    std::vector<float> posts;            // entries of all rays
+    std::unique_ptr<NetworkTape> probe;  // finds the densities of all samples, can_skip() only
+    std::unique_ptr<Chunk> probe_chunk;
+    std::vector<int32_t> dense_begin;  // of those that have density
+    bool skipped = false;              // by the last forward()
   };
 
-  void place_samples(Level& level, int samples);
-  void place_sample(const NetworkRay& ray, float t0, float t1, int column, Level& level);
+  void place_rays(const Level& level, const NetworkTape& tape, Chunk& chunk, bool training);
+  void place_samples(const Level& level, int samples, const NetworkTape& tape, Chunk& chunk);
+  void place_sample(const NetworkRay& ray, float t0, float t1, int column, const NetworkTape& tape,
+                    Chunk& chunk) const;
+  void keep_dense(Level& level);
+  void count_dense(const NetworkTape& tape, const Chunk& chunk);
   double losses_on_weights(size_t level);
 
   const NetworkField& field_;
@@ -86,6 +105,7 @@ class NetworkLevels {
   std::span<const Vec3> axes_;
   std::vector<std::unique_ptr<Level>> levels_;
   std::span<NetworkRay> rays_;
+  int64_t dense_ = 0, all_ = 0;
 };
 
 }  // namespace nerf

@@ -21,6 +21,7 @@ struct NetworkRecipe {
   double warmup_rate = 1;
   double near = 0, far = 0;
   bool anneal = false;
+  bool skip = true;
 
   template <class V>
   void visit_options(V& v) {
@@ -47,6 +48,7 @@ struct NetworkRecipe {
       at_most(1));
     v("near", near, "first distance of samples, engine units; 0: from the scene", at_least(0));
     v("far", far, "last distance of samples, engine units; 0: from the scene", at_least(0));
+    v("skip", skip, "leave out samples that a ReLU gives no density: they have no gradient");
     v("anneal", anneal, "raise weights that samples are drawn from to a power that grows to 1");
   }
 };
