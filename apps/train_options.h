@@ -21,6 +21,7 @@ inline auto option_names(SceneFormat) {
                     OptionName{SceneFormat::kBlender, "blender"},
                     OptionName{SceneFormat::kColmap, "colmap"},
                     OptionName{SceneFormat::kTransforms, "transforms"},
+                    OptionName{SceneFormat::kLlff, "llff"},
                     OptionName{SceneFormat::kPhotos, "photos"},
                     OptionName{SceneFormat::kVideo, "video"}};
 }

@@ -17,7 +17,7 @@ namespace {
 
 // In which they are looked for.
 constexpr std::array kOrder{SceneFormat::kBlender, SceneFormat::kColmap, SceneFormat::kTransforms,
-                            SceneFormat::kPhotos, SceneFormat::kVideo};
+                            SceneFormat::kLlff,    SceneFormat::kPhotos, SceneFormat::kVideo};
 
 // COLMAP on a CPU matches every pair of so many frames in minutes.
 constexpr int kMaxVideoFrames = 120;
@@ -66,6 +66,8 @@ bool has_format(const fs::path& path, SceneFormat format) {
       return folder && !find_colmap_models(path).empty();
     case SceneFormat::kTransforms:
       return folder ? path_exists(path / "transforms.json") : path.extension() == ".json";
+    case SceneFormat::kLlff:
+      return folder && path_exists(path / "poses_bounds.npy");
     case SceneFormat::kPhotos:
       return folder && holds_images(photo_folder(path));
     case SceneFormat::kVideo:
@@ -84,6 +86,8 @@ const char* what_is_wanted(SceneFormat format) {
       return "COLMAP model (sparse/0, sparse or colmap/sparse/0)";
     case SceneFormat::kTransforms:
       return "transforms.json";
+    case SceneFormat::kLlff:
+      return "poses_bounds.npy";
     case SceneFormat::kPhotos:
       return "folder of photos (images/ or the folder itself)";
     case SceneFormat::kVideo:
@@ -123,8 +127,8 @@ SceneFormat detect_format(const fs::path& path) {
     std::error_code problem;
     const bool empty = fs::is_empty(path, problem);
     throw Error(empty ? "the folder is empty" : "there is no scene in this folder", path.string(),
-                "wanted: transforms_train.json, a COLMAP model in sparse/, transforms.json, photos "
-                "or a video");
+                "wanted: transforms_train.json, a COLMAP model in sparse/, transforms.json, "
+                "poses_bounds.npy, photos or a video");
   }
   throw Error(path_exists(path) ? "the file is neither a transforms .json nor a video"
                                 : "there is no such file or folder",
@@ -139,7 +143,6 @@ std::vector<std::string> inputs_beside(const fs::path& path, SceneFormat used) {
     const bool own = format == SceneFormat::kPhotos && used != SceneFormat::kVideo;
     if (format != used && !own && has_format(path, format)) found.push_back(what_is_wanted(format));
   }
-  if (path_exists(path / "poses_bounds.npy")) found.push_back("poses_bounds.npy");
   return found;
 }
 
@@ -159,6 +162,8 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
       return read_colmap_scene(path);
     case SceneFormat::kTransforms:
       return read_transforms_scene(folder ? path / "transforms.json" : path);
+    case SceneFormat::kLlff:
+      return read_llff_scene(path);
     case SceneFormat::kPhotos:
       return read_photos(photo_folder(path), path, run);
     case SceneFormat::kVideo: {

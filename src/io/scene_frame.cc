@@ -196,6 +196,17 @@ void unbounded_near_far(const SceneInput& input, Scene& scene, bool has_focus) {
                                scene.views[static_cast<size_t>(o.image)].pose.translation) *
                         scene.to_engine.scale);
   }
+  if (!input.depths.empty()) {
+    double near = 1e300, far = 0;
+    for (const SceneInput::Depths& d : input.depths) {
+      near = std::min(near, d.near);
+      far = std::max(far, d.far);
+    }
+    // As NeRF takes them (load_llff.py): a little before the first of what was reconstructed.
+    scene.near = 0.9 * near * scene.to_engine.scale;
+    scene.far = far * scene.to_engine.scale;
+    return;
+  }
   constexpr double kFarthest = 4;  // a ray through the whole inner box, 2 sqrt(3), ends before far
   if (distances.size() >= 50) {
     const double middle = quantile(distances, 0.5);

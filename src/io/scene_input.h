@@ -18,8 +18,12 @@ struct SceneInput {
   std::vector<View> views;      // registered; image_path is where the image should be
   std::vector<char> is_test;    // parallel to views; empty where the files make no split
   std::vector<ScenePoint> points;
-  std::vector<Observation> observations;            // indices into views and points
-  std::filesystem::path image_folder;               // what View::name is relative to, for masks
+  std::vector<Observation> observations;  // indices into views and points
+  struct Depths {
+    double near, far;  // of what a view sees, input units
+  };
+  std::vector<Depths> depths;          // where the files say so, of all registered views
+  std::filesystem::path image_folder;  // what View::name is relative to, for masks
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
   int images_total = 0;  // listed by the files or found beside the registered ones
   bool blender = false;  // rendered: +z is up, and alpha, where there is any, is real
@@ -34,6 +38,9 @@ SceneInput read_colmap_scene(const std::filesystem::path& root);
 SceneInput read_transforms_scene(const std::filesystem::path& file);
 // transforms_train.json with transforms_test.json or transforms_val.json beside it.
 SceneInput read_blender_scene(const std::filesystem::path& root);
+
+// poses_bounds.npy of LLFF with images/, images_2/, images_4/ or images_8/.
+SceneInput read_llff_scene(const std::filesystem::path& root);
 
 // Looks at every view's image (its header) and mask: leaves out views without a file, scales
 // cameras to the size of the stored image, fills in the report's counts and the memory that photos

@@ -30,7 +30,7 @@ struct ScenePoint {
   int views = 0;     // number of images that see it
 };
 
-enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kPhotos, kVideo };
+enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kLlff, kPhotos, kVideo };
 enum class Split {
   kTest,  // held-out = indices 0, 8, 16, ... of the views sorted bytewise by name, or the test file
   kDev,   // test views removed; of the training views every 8th is held out instead, for tuning

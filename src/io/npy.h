@@ -1,0 +1,18 @@
+// Arrays of numbers in NumPy's .npy format, version 1 to 3.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+namespace nerf::internal {
+
+struct NpyArray {
+  std::vector<size_t> shape;
+  std::vector<double> values;  // row by row
+};
+
+// Little-endian float32 and float64 in C order. Throws Error for anything else, for damaged headers
+// and for files whose length is not that of the array.
+NpyArray read_npy(const std::filesystem::path& path);
+
+}  // namespace nerf::internal
