@@ -25,6 +25,26 @@ Box3 clip_from(const JsonFields& header) {
   return {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
 }
 
+Json ndc_to_json(const NdcFrame& frame) {
+  return {{"rotation", rotation_to_json(frame.reference.rotation)},
+          {"centre", corner_to_json(frame.reference.translation)},
+          {"scale", {frame.scale_x, frame.scale_y}},
+          {"near", frame.near}};
+}
+
+NdcFrame ndc_from(const JsonFields& f) {
+  NdcFrame frame;
+  frame.reference.rotation = rotation_from(f, "rotation");
+  const auto centre = f.numbers("centre", 3), scale = f.numbers("scale", 2);
+  frame.reference.translation = {centre[0], centre[1], centre[2]};
+  frame.scale_x = scale[0];
+  frame.scale_y = scale[1];
+  frame.near = f.number("near");
+  if (!(frame.scale_x > 0 && frame.scale_y > 0)) f.fail("must be above 0", "scale");
+  if (!(frame.near > 0)) f.fail("must be above 0", "near");
+  return frame;
+}
+
 // A table of half floats takes half the file, and costs less than 0.01 dB (tests/train measures
 // it).
 std::vector<uint16_t> to_half(std::span<const float> values) {
@@ -47,6 +67,7 @@ RadianceField read_network(const ContainerReader& file, const JsonFields& header
         "is a damaged model file: its networks do not have the size that its options ask for",
         file.where());
   auto field = std::make_shared<NetworkField>(options, near, far);
+  if (options.space == Space::kNdc) field->ndc = ndc_from(header.object("ndc"));
   file.read("networks", field->weights.span());
   return RadianceField(std::move(info), std::move(field));
 }
@@ -105,6 +126,8 @@ void RadianceField::save(const std::filesystem::path& path) const {
     header["options"] = Json::parse(options_to_json(network_->options));
     header["sample_near"] = network_->near;
     header["sample_far"] = network_->far;
+    if (network_->options.space == Space::kNdc)
+      header["ndc"] = internal::ndc_to_json(network_->ndc);
     internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));
     file.add("networks", network_->weights.span());
     file.save(path, internal::kModelFormat);

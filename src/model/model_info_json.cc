@@ -9,12 +9,16 @@ using Json = nlohmann::ordered_json;
 
 constexpr int64_t kLargestSide = 1 << 20;  // pixels
 
+}  // namespace
+
 Json rotation_to_json(const Mat3d& r) {
   Json list = Json::array();
   for (const auto& row : r.m)
     for (double x : row) list.push_back(x);
   return list;
 }
+
+namespace {
 
 Json vector_to_json(const Vec3d& v) { return {v.x, v.y, v.z}; }
 
@@ -23,6 +27,8 @@ Vec3d vector_from(const JsonFields& f, const char* key) {
   return {v[0], v[1], v[2]};
 }
 
+}  // namespace
+
 Mat3d rotation_from(const JsonFields& f, const char* key) {
   const auto v = f.numbers(key, 9);
   Mat3d r;
@@ -30,6 +36,8 @@ Mat3d rotation_from(const JsonFields& f, const char* key) {
   if (!(orthonormality_error(r) < 1e-3)) f.fail("is not a rotation", key);
   return r;
 }
+
+namespace {
 
 Json camera_to_json(const Camera& camera) {
   Json params = Json::array();

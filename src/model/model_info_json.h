@@ -15,4 +15,8 @@ nlohmann::ordered_json model_info_to_json(const ModelInfo& info);
 // Throws Error for what is missing, of another type, or no camera, rotation or size at all.
 ModelInfo model_info_from_json(const JsonFields& header);
 
+// A rotation as 9 numbers, row by row.
+nlohmann::ordered_json rotation_to_json(const Mat3d& r);
+Mat3d rotation_from(const JsonFields& f, const char* key);
+
 }  // namespace nerf::internal

@@ -66,13 +66,16 @@ bool NetworkLevels::can_skip() const {
 
 // The Gaussian around [t0, t1] of the ray (or its middle, a point), warped and projected on the
 // encoding's axes: with J the warp's Jacobian and q = J p the variance along p is
-// t_var (d . q)^2 + r_var (|q|^2 - (d . q)^2).
+// t_var (d . q)^2 + r_var (|q|^2 - (d . q)^2 / |d|^2).
 void NetworkLevels::place_sample(const NetworkRay& ray, float t0, float t1, int column,
                                  const NetworkTape& tape, Chunk& chunk) const {
   const NetworkOptions& o = field_.options;
   const bool cone = o.cast == Cast::kCone;
-  const RayGaussian<float> g =
-      cone ? cone_gaussian(t0, t1, ray.radius) : RayGaussian<float>{0.5f * (t0 + t1), 0, 0};
+  RayGaussian<float> g{0.5f * (t0 + t1), 0, 0};
+  if (cone && o.space == Space::kNdc)
+    g = cylinder_gaussian(t0, t1, ray.radius);
+  else if (cone)
+    g = cone_gaussian(t0, t1, ray.radius);
   const Vec3 mean = ray.origin + ray.direction * g.t_mean;
   const bool warped = o.space == Space::kContract;
   const Vec3 at = warped ? contract(mean) : mean;
@@ -88,7 +91,7 @@ void NetworkLevels::place_sample(const NetworkRay& ray, float t0, float t1, int 
   for (size_t k = 0; k < axes_.size(); ++k) {
     const Vec3 q = jacobian(axes_[k]);
     const float along = dot(ray.direction, q);
-    const float across = std::max(0.0f, dot(q, q) - along * along);
+    const float across = std::max(0.0f, dot(q, q) - along * along / (ray.length * ray.length));
     position[static_cast<int64_t>(k) * ld] = dot(axes_[k], at);
     variance[static_cast<int64_t>(k) * ld] = g.t_variance * along * along + g.r_variance * across;
   }
@@ -102,7 +105,7 @@ void NetworkLevels::place_rays(const Level& level, const NetworkTape& tape, Chun
   for (int r = 0; r < c.rays; ++r) {
     const NetworkRay& ray = rays_[static_cast<size_t>(r)];
     for (int k = 0; k < 3; ++k) {
-      c.data(tape.directions)[k * lr + r] = ray.direction[k];
+      c.data(tape.directions)[k * lr + r] = ray.view[k];
       c.data(tape.background)[k * lr + r] = ray.background[k];
     }
     if (!training || tape.pixel < 0) continue;
@@ -127,11 +130,11 @@ void NetworkLevels::place_samples(const Level& level, int samples, const Network
       if (sampler_.intervals()) {
         const float t1 = sampler_.distance(entry[i + 1]);
         place_sample(ray, t0, t1, column, tape, c);
-        delta[column] = t1 - t0;
+        delta[column] = (t1 - t0) * ray.length;
         t0 = t1;
       } else {
         place_sample(ray, entry[i], entry[i], column, tape, c);
-        delta[column] = i + 1 < samples ? entry[i + 1] - entry[i] : kLongestInterval;
+        delta[column] = i + 1 < samples ? (entry[i + 1] - entry[i]) * ray.length : kLongestInterval;
       }
       if (tape.noise >= 0) c.data(tape.noise)[column] = losses_.density_noise * normal(ray.random);
     }

@@ -44,7 +44,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
     if (!own) own = std::make_unique<NetworkLevels>(field, per_chunk);
     std::vector<NetworkRay> rays;
     std::vector<int64_t> pixel_of;
-    std::vector<float> forward;  // cosine between ray and optical axis
+    std::vector<double> forward;  // cosine between ray and optical axis
     for (int64_t chunk = item * kChunksPerItem;
          chunk < std::min(chunks, (item + 1) * kChunksPerItem); ++chunk) {
       rays.clear();
@@ -53,18 +53,14 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
       for (int64_t p = chunk * per_chunk; p < std::min(pixels, (chunk + 1) * per_chunk); ++p) {
         const Vec2d at{static_cast<double>(p % camera.width) + 0.5,
                        static_cast<double>(p / camera.width) + 0.5};
-        const auto direction = unproject(camera, at);
         for (int k = 0; k < 3; ++k) frame.rgb[static_cast<size_t>(3 * p + k)] = background[k];
-        if (!direction) continue;
-        const Vec3d in_camera = normalized(*direction);
-        NetworkRay ray;
-        ray.origin = pose.translation.cast<float>();
-        ray.direction = (pose.rotation * in_camera).cast<float>();
-        ray.radius = static_cast<float>(pixel_cone_radius(camera, at));
+        const auto cast = cast_ray(field, camera, pose, at);
+        if (!cast) continue;
+        NetworkRay ray = *cast;
         ray.background = background;
         rays.push_back(ray);
         pixel_of.push_back(p);
-        forward.push_back(static_cast<float>(in_camera.z));
+        forward.push_back(dot(ray.view.cast<double>(), pose.rotation.column(2)));
       }
       if (rays.empty()) continue;
       own->forward(rays, 1);
@@ -73,11 +69,10 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
         own->pixel(static_cast<int>(r), &frame.rgb[3 * p], frame.alpha[p]);
         for (size_t k = 0; k < 3; ++k)
           frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0f, 1.0f);
-        const float distance = own->median_distance(static_cast<int>(r));
-        frame.depth_z[p] = distance < 0 ? 0.0f
-                                        : static_cast<float>(static_cast<double>(distance) *
-                                                             static_cast<double>(forward[r]) /
-                                                             info.to_engine.scale);
+        const double t = static_cast<double>(own->median_distance(static_cast<int>(r)));
+        const double distance = t < 0 ? 0 : ray_distance(field, pose, rays[r], t);
+        const double depth = distance * forward[r] / info.to_engine.scale;
+        frame.depth_z[p] = std::isfinite(depth) ? static_cast<float>(depth) : 0.0f;
       }
     }
     if (progress) {
@@ -117,8 +112,11 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
     for (int i = 0; i < count; ++i) {
       const size_t at = static_cast<size_t>(begin + i);
       ray_begin[static_cast<size_t>(i)] = i;
-      Vec3 p = to_engine.apply(points[at]).cast<float>();
+      const Vec3d in_engine = to_engine.apply(points[at]);
+      Vec3 p = in_engine.cast<float>();
       if (o.space == Space::kContract) p = contract(p);
+      if (o.space == Space::kNdc)
+        p = point_to_ndc(field.ndc, in_engine).value_or(Vec3d{0, 0, -1}).cast<float>();
       const Vec3 d = (to_engine.rotation * normalized(directions[at])).cast<float>();
       for (int k = 0; k < 3; ++k) c.data(own->tape.directions)[k * lr + i] = d[k];
       for (int k = 0; k < position_rows(o); ++k) {

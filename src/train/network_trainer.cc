@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "nerf/kernels/adam.h"
 #include "nerf/math/step_function.h"
@@ -22,13 +23,58 @@ NetworkLosses losses_of(const NetworkRecipe& r) {
   return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise};
 }
 
+// Through the cube of normalised device coordinates t runs from 0 to 1.
+double first_distance(const Scene& scene, const TrainOptions& o) {
+  if (o.network.space == Space::kNdc) return 0;
+  return o.recipe.near > 0 ? o.recipe.near : scene.near;
+}
+double last_distance(const Scene& scene, const TrainOptions& o) {
+  if (o.network.space == Space::kNdc) return 1;
+  return o.recipe.far > 0 ? o.recipe.far : scene.far;
+}
+
+// The mean camera of the training views, as NeRF's load_llff.py averages them.
+NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
+  Vec3d centre, forward, down;
+  for (const int v : scene.train) {
+    const Pose pose = scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose);
+    centre = centre + pose.translation / static_cast<double>(scene.train.size());
+    forward = forward + pose.rotation.column(2);
+    down = down + pose.rotation.column(1);
+  }
+  const auto refuse = [&](const char* what) {
+    throw Error(what, scene.root.string(),
+                "normalised device coordinates are for cameras that all look the same way; take "
+                "--network-space identity or contract");
+  };
+  if (!(length(forward) > 0.5 * static_cast<double>(scene.train.size())))
+    refuse("the cameras look in opposite directions");
+  NdcFrame frame;
+  const Vec3d z = normalized(forward), x = normalized(cross(down, z));
+  frame.reference.rotation.set_column(0, x);
+  frame.reference.rotation.set_column(1, cross(z, x));
+  frame.reference.rotation.set_column(2, z);
+  frame.reference.translation = centre;
+  for (const int v : scene.train) {
+    const Pose pose = scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose);
+    if (!(dot(pose.rotation.column(2), z) > 0.2)) refuse("a camera does not look forward");
+    // A camera before the near plane would see nothing of what is between.
+    if (!(dot(pose.translation - centre, z) < scene.near))
+      refuse("a camera stands before the nearest content of the others");
+  }
+  const Camera& camera = photos.cameras[static_cast<size_t>(scene.train.front())];
+  frame.scale_x = camera.fx() / (0.5 * camera.width);
+  frame.scale_y = camera.fy() / (0.5 * camera.height);
+  frame.near = scene.near;
+  return frame;
+}
+
 }  // namespace
 
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
     : TrainerImpl(s, p, o, t),
-      field(o.network, o.recipe.near > 0 ? o.recipe.near : s.near,
-            o.recipe.far > 0 ? o.recipe.far : s.far),
+      field(o.network, first_distance(s, o), last_distance(s, o)),
       gradient(field.weights.size()),
       m(field.weights.size()),
       v(field.weights.size()),
@@ -41,6 +87,7 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   const int count = network_accumulators(field.weights.size());
   for (int i = 0; i < count; ++i) accumulators.emplace_back(field.weights.size());
   sums.resize(accumulators.size());
+  if (o.network.space == Space::kNdc) field.ndc = ndc_frame(s, p);
   field.initialise(options.seed ^ salt);
 }
 
@@ -78,15 +125,13 @@ void NetworkTrainer::draw_rays() {
       for (int tries = 0; tries < kMostTries && !found; ++tries)
         found =
             from_one ? source.draw_from(photo, random, share, pixel) : source.draw(random, pixel);
-      drawn[static_cast<size_t>(i)] = found;
+      std::optional<NetworkRay> cast;
+      if (found) cast = cast_ray(field, *pixel.camera, *pixel.pose, {pixel.x + 0.5, pixel.y + 0.5});
+      drawn[static_cast<size_t>(i)] = cast.has_value();
+      ray = cast.value_or(NetworkRay{});
       ray.random = random;
       ray.background = background;
-      ray.scale = 0;
-      if (!found) continue;
-      ray.origin = pixel.ray.origin.cast<float>();
-      ray.direction = pixel.ray.direction.cast<float>();
-      ray.radius =
-          static_cast<float>(pixel_cone_radius(*pixel.camera, {pixel.x + 0.5, pixel.y + 0.5}));
+      if (!cast) continue;
       for (int k = 0; k < 3; ++k)
         ray.target[k] = pixel.rgb[k] * pixel.alpha + background[k] * (1 - pixel.alpha);
     }

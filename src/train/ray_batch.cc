@@ -75,6 +75,7 @@ bool PixelSource::cast(size_t i, Pixel& out) const {
   const Photo& photo = *out.photo;
   photo.prefetch(out.x, out.y);
   out.camera = &photos_.cameras[view];
+  out.pose = &poses_[i];
   const auto direction = unproject(*out.camera, {out.x + 0.5, out.y + 0.5});
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;

@@ -28,6 +28,7 @@ class PixelSource {
     int x = 0, y = 0;
     int32_t tile = 0;  // of the error map
     const Camera* camera = nullptr;
+    const Pose* pose = nullptr;  // camera-to-engine
   };
   // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
   // no ray for it (the draw then counts as nothing).

@@ -34,6 +34,7 @@ std::vector<NetworkRay> some_rays(int count, float distance) {
     Vec3 d{random.uniform() - 0.5f, random.uniform() - 0.5f, -1};
     ray.direction = d / length(d);
     ray.origin = ray.direction * -distance;
+    ray.view = ray.direction;
     ray.radius = 0.001f;
     ray.background = {1, 1, 1};
     ray.target = {0.2f, 0.4f, 0.6f};

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "nerf/model/renderer.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/methods.h"
 #include "nerf/train/run.h"
@@ -98,6 +99,48 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
   const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
   // A white picture has 11 dB; three times as many steps reach 28 dB and more.
   EXPECT_GT(e.psnr, 22);
+}
+
+// Cameras side by side that all look the same way.
+test::SyntheticCapture forward_facing_capture() {
+  test::SyntheticCapture c = sphere_capture(20, 32);
+  for (size_t i = 0; i < c.scene.views.size(); ++i) {
+    Pose pose;
+    pose.translation = {0.3 * (static_cast<double>(i % 5) - 2),
+                        0.3 * (static_cast<double>(i / 5) - 1.5), -test::kCameraDistance};
+    c.scene.views[i].pose = pose;
+    c.photos.photos[i] = test::sphere_photo(c.scene.cameras[0], pose);
+  }
+  c.scene.near = 1.5;
+  return c;
+}
+
+TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
+  const auto c = forward_facing_capture();
+  ThreadPool pool(2);
+  TrainOptions options = small_options(GetParam(), 500);
+  options.network.space = Space::kNdc;
+  options.network.sampling.spacing = Spacing::kUniform;
+  Trainer trainer(c.scene, c.photos, options, pool);
+  trainer.run({});
+  const RadianceField field = trainer.snapshot();
+  EXPECT_GT(evaluate(field, c.scene, c.photos, {}, pool).psnr, 22);
+  // The sphere's front is 2.3 before the camera in the middle. One of 16 intervals is 0.22 long
+  // there (1.5 / (1 - t)^2 / 16): two of them.
+  const Frame frame = render(field, c.scene.cameras[0], c.scene.views[7].pose, {}, pool);
+  EXPECT_NEAR(frame.depth_z[16 * 32 + 16], 2.3, 0.45);
+  // Saved with its reference camera.
+  test::TempFolder folder;
+  field.save(folder / "m");
+  const Frame again = render(RadianceField::load(folder / "m"), c.scene.cameras[0],
+                             c.scene.views[7].pose, {}, pool);
+  EXPECT_EQ(frame.rgb, again.rgb);
+  EXPECT_EQ(frame.depth_z, again.depth_z);
+
+  const auto around = sphere_capture();
+  EXPECT_TRUE(
+      test::contains(error_of([&] { Trainer wrong(around.scene, around.photos, options, pool); }),
+                     "--network-space identity"));
 }
 
 // One photo a step: all rays begin at one camera, so that a photo without light leaves no colour.

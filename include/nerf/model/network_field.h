@@ -8,6 +8,7 @@
 
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/aligned.h"
+#include "nerf/math/ndc.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/network_options.h"
 
@@ -27,13 +28,15 @@ struct RadianceNetwork {
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct NetworkField {
-  // near and far: the first and last distance of samples from a camera, engine units.
+  // near and far: the first and last distance of samples from a camera, engine units; 0 and 1 in
+  // normalised device coordinates.
   NetworkField(const NetworkOptions& options, double near, double far);
 
   NetworkOptions options;
   double near, far;
   std::vector<RadianceNetwork> networks;
   AlignedArray<float> weights;
+  NdcFrame ndc;  // engine units; with Space::kNdc
 
   const RadianceNetwork& network_of(int level) const {
     const bool last = level + 1 == options.sampling.levels();

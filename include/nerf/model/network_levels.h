@@ -8,20 +8,10 @@
 #include "nerf/math/random.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/network_field.h"
+#include "nerf/model/network_ray.h"
 #include "nerf/parts/interval_sampler.h"
 
 namespace nerf {
-
-// Engine coordinates; the direction has unit length, so that t is Euclidean distance.
-struct NetworkRay {
-  Vec3 origin, direction;
-  float radius = 0;  // of the pixel's cone at t = 1: distance to the neighbouring ray, 2 / sqrt(12)
-  Vec3 background;
-  // Training only.
-  Vec3 target;      // colour of the pixel
-  float scale = 0;  // of its squared error, summed over channels, in the loss
-  Random random{0, 0, 0};
-};
 
 struct NetworkLosses {
   float coarse = 1;         // of the colour error of the levels before the last

@@ -9,7 +9,11 @@
 namespace nerf {
 
 enum class Cast { kPoint, kCone };
-enum class Space { kIdentity, kContract };
+enum class Space {
+  kIdentity,
+  kContract,  // mip-NeRF 360: unbounded scenes
+  kNdc,       // normalised device coordinates: forward-facing captures
+};
 enum class Encoding {
   kFrequency,   // NeRF: the position itself and sines and cosines of it
   kIntegrated,  // mip-NeRF: expected sines and cosines, along the axes
@@ -23,7 +27,7 @@ inline auto option_names(Cast) {
 }
 inline auto option_names(Space) {
   return std::array{OptionName{Space::kIdentity, "identity"},
-                    OptionName{Space::kContract, "contract"}};
+                    OptionName{Space::kContract, "contract"}, OptionName{Space::kNdc, "ndc"}};
 }
 inline auto option_names(Encoding) {
   return std::array{OptionName{Encoding::kFrequency, "frequency"},

@@ -1,0 +1,38 @@
+// From a camera's pixel to a ray of a network field.
+#pragma once
+
+#include <optional>
+
+#include "nerf/math/camera.h"
+#include "nerf/math/random.h"
+#include "nerf/math/vec.h"
+#include "nerf/model/network_field.h"
+
+namespace nerf {
+
+// In the space that the field samples: engine coordinates, where the direction has unit length and
+// t is Euclidean distance, or normalised device coordinates.
+struct NetworkRay {
+  Vec3 origin, direction;
+  Vec3 view;         // unit direction in engine coordinates, which colours depend on
+  float length = 1;  // of `direction`
+  // Of the pixel's cone at t = 1, or of its cylinder in normalised device coordinates: mean
+  // distance to the neighbouring rays, times 2 / sqrt(12).
+  float radius = 0;
+  Vec3 background;
+  // Training only.
+  Vec3 target;      // colour of the pixel
+  float scale = 0;  // of its squared error, summed over channels, in the loss
+  Random random{0, 0, 0};
+};
+
+// The ray through an image point (pixels); pose is camera-to-engine. Background, target, scale and
+// random are left for the caller. No value where the lens has no ray there, or where it does not go
+// forward in normalised device coordinates.
+std::optional<NetworkRay> cast_ray(const NetworkField& field, const Camera& camera,
+                                   const Pose& pose, const Vec2d& pixel);
+
+// Distance in engine units of a t along the ray.
+double ray_distance(const NetworkField& field, const Pose& pose, const NetworkRay& ray, double t);
+
+}  // namespace nerf
