@@ -17,6 +17,7 @@ constexpr const char* kHelp =
     "  render RUN    compares a run's held-out views with and without what rendering leaves out\n"
     "  kernels       times the kernels beside what the machine reaches at most\n"
     "  error [SCENE] curves of cost against error: quadrature, training, rendering, width\n"
+    "  ablation SCENE  trains a paper's method with one part taken out at a time\n"
     "nerf_bench COMMAND --help says more.\n";
 
 int bench_main(int argc, char** argv) {
@@ -33,7 +34,8 @@ int bench_main(int argc, char** argv) {
   if (command == "render") return bench_render(argc - 1, argv + 1);
   if (command == "kernels") return bench_kernels(argc - 1, argv + 1);
   if (command == "error") return bench_error(argc - 1, argv + 1);
-  const std::vector<std::string> known = {"scene", "render", "kernels", "error"};
+  if (command == "ablation") return bench_ablation(argc - 1, argv + 1);
+  const std::vector<std::string> known = {"scene", "render", "kernels", "error", "ablation"};
   throw Error("unknown command '" + command + "'", "", nearest_name_hint(command, known));
 }
 

@@ -70,6 +70,30 @@ TEST(NerfBench, MistakesAreFoundBeforeAnythingIsWritten) {
   refused("--split", "tset");
 }
 
+TEST(NerfBench, AblationTakesOnePartOutAtATime) {
+  TempFolder folder;
+  test::write_blender_scene(folder.path() / "capture");
+  const fs::path out = folder.path() / "ablation";
+  const ProgramResult result = run_program(
+      NERF_BENCH_PROGRAM, {"ablation", (folder.path() / "capture").string(), "-o", out.string(),
+                           "--steps", "3", "--split", "test", "--filter", "view"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::vector<std::string> rows = lines_of(testing_apps::read_text(out / "ablation.csv"));
+  ASSERT_EQ(rows.size(), 3u);
+  EXPECT_EQ(rows[1].rfind("whole,", 0), 0u) << rows[1];
+  EXPECT_NE(rows[1].find(",+0.000,"), std::string::npos) << rows[1];
+  EXPECT_EQ(rows[2].rfind("without view dependence,", 0), 0u) << rows[2];
+  EXPECT_NE(rows[2].find("--no-network-view-dependence"), std::string::npos) << rows[2];
+  EXPECT_TRUE(fs::exists(out / "report.html"));
+  EXPECT_TRUE(fs::exists(out / "ablation.svg"));
+  const std::string model = testing_apps::read_text(out / "runs/whole/options.json");
+  EXPECT_NE(model.find("\"method\": \"nerf\""), std::string::npos);
+
+  expect_refused(run_program(NERF_BENCH_PROGRAM,
+                             {"ablation", "/nonexistent", "-o", out.string(), "--method", "grid"}),
+                 "nerf_bench", {"--method", "paper's method"});
+}
+
 TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
   TempFolder folder;
   const fs::path csv = folder.path() / "kernels.csv";
