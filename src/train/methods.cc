@@ -107,6 +107,7 @@ void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
   n.sampling.coarse /= divide_samples;
   n.sampling.fine /= divide_samples;
   o.steps = 0;
+  o.rate = std::max(o.rate, 2e-3);
   o.hold = 0.25;  // a plan of minutes is made when empty samples are already known
   o.recipe.rays = rays;
   o.recipe.one_photo = false;
@@ -133,7 +134,8 @@ TrainOptions method_options(const std::string& method, Scale scale) {
     throw Error("'" + method + "' is no method", "--method",
                 nearest_name_hint(method, method_names()));
   row->paper(o);
-  if (scale == Scale::kSmall) shrink(o, 128, 2, 512);
+  // Narrow networks take so many more steps in the same time that they win (docs/benchmarks.md).
+  if (scale == Scale::kSmall) shrink(o, 96, 2, 256);
   if (scale == Scale::kTiny) {
     shrink(o, 64, 2, 256);
     o.network.depth = o.network.proposal_depth = 4;
