@@ -38,6 +38,18 @@ void make_video(const RenderCommand& command, const RenderedFiles& files, double
   log_info(fmt::format("video at {:g} frames per second: {}", fps, command.mp4.string()));
 }
 
+// A paper method's model asks its network at every sample of every ray unless it is known where
+// there is nothing.
+void bake(RadianceField& field, const RenderPlan& plan, ThreadPool& pool, const Cancel& cancel) {
+  uint64_t pixels = 0;
+  for (const auto& frame : plan.frames)
+    pixels +=
+        static_cast<uint64_t>(frame.camera.width) * static_cast<uint64_t>(frame.camera.height);
+  Progress clock("baking");
+  if (field.bake(pixels, pool, &cancel))
+    log_info(fmt::format("empty space found in {:.1f} s", clock.elapsed_seconds()));
+}
+
 int render_main(int argc, char** argv) {
   RenderCommand command;
   if (parse_command_line(argc, argv, render_program_text(), command).exit) return kExitOk;
@@ -46,11 +58,15 @@ int render_main(int argc, char** argv) {
   log_machine("nerf_render", pool.size(), "f32");
 
   const auto model = find_model_file(command.run);
-  const RadianceField field = RadianceField::load(model);
+  RadianceField field = RadianceField::load(model);
+  if (command.bbox && !field.is_grid())
+    throw Error("a model of the method " + field.info().method + " is drawn whole", "--bbox",
+                "leave it out; models of the grid method can be cut");
   const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes());
   for (const std::string& note : plan.notes) log_warning(note);
   if (!command.mp4.empty()) check_video(command.mp4);
   make_writable_folder(command.out);
+  bake(field, plan, pool, stop.cancel());
 
   RenderOptions options;
   options.background = command.background;

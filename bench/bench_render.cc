@@ -66,11 +66,15 @@ double median(std::vector<double> v) {
 }
 
 void compare_rendering(const fs::path& run, int views, int threads) {
-  const RadianceField field = RadianceField::load(run / "model.nerf");
+  RadianceField field = RadianceField::load(run / "model.nerf");
   ThreadPool pool(threads);
   const Scene scene = held_out_scene(run, views);
   if (scene.views.empty()) return;
   const PhotoSet photos = load_photos(scene, pool);
+  const auto baking = std::chrono::steady_clock::now();
+  if (field.bake(~uint64_t{0} >> 20, pool))
+    std::printf("\nempty space found in %.1f s\n",
+                std::chrono::duration<double>(std::chrono::steady_clock::now() - baking).count());
   RenderOptions skip;
   skip.background = evaluation_background(scene.alpha);
   RenderOptions all = skip;

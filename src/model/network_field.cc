@@ -183,10 +183,9 @@ void NetworkField::initialise(uint64_t seed) {
     });
 }
 
-NetworkTape::NetworkTape(const NetworkField& field, int level, int rays, Purpose purpose,
-                         const Losses& losses)
-    : tape(rays * IntervalSampler(field.options.sampling, field.near, field.far).samples(level),
-           rays) {
+NetworkTape::NetworkTape(const NetworkField& field, int level, int samples, int rays,
+                         Purpose purpose, const Losses& losses)
+    : tape(samples, rays) {
   const NetworkOptions& o = field.options;
   const RadianceNetwork& n = field.network_of(level);
   position = tape.input(position_rows(o), Domain::kSamples);

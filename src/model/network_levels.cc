@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "model/baked_occupancy.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/math/contraction.h"
@@ -46,13 +47,14 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
     of_level.charbonnier = losses.charbonnier;
     of_level.on_weights = last ? losses.distortion > 0 : losses.interlevel > 0;
     of_level.density_noise = training && losses.density_noise > 0;
-    levels_.push_back(std::make_unique<Level>(field, l, rays, training, of_level));
+    levels_.push_back(
+        std::make_unique<Level>(field, l, sampler_.samples(l), rays, training, of_level));
     levels_.back()->posts.resize(static_cast<size_t>(rays * sampler_.posts(l)));
     levels_.back()->chunk.weights = field.weights.data();
     if (can_skip()) {
       Level& level = *levels_.back();
-      level.probe =
-          std::make_unique<NetworkTape>(field, l, rays, NetworkTape::Purpose::kDensity, of_level);
+      level.probe = std::make_unique<NetworkTape>(field, l, rays * sampler_.samples(l), rays,
+                                                  NetworkTape::Purpose::kDensity, of_level);
       level.probe_chunk = std::make_unique<Chunk>(level.probe->tape);
       level.probe_chunk->weights = field.weights.data();
     }
@@ -179,6 +181,49 @@ void NetworkLevels::keep_dense(Level& level) {
   move_rows(from.noise, to.noise);
 }
 
+// Only the samples that may meet matter, packed; `kept` says which they are.
+void NetworkLevels::place_occupied(Level& level, int samples) {
+  Chunk& c = level.chunk;
+  const NetworkTape& tape = level.tape;
+  const size_t posts = static_cast<size_t>(samples) + (sampler_.intervals() ? 1 : 0);
+  const bool warped = field_.options.space == Space::kContract;
+  const int64_t ld = c.stride(tape.position);
+  float* position = c.data(tape.position);
+  float* delta = c.data(tape.delta);
+  level.kept.clear();
+  level.dense_begin.assign(1, 0);
+  for (size_t r = 0; r < rays_.size(); ++r) {
+    const NetworkRay& ray = rays_[r];
+    const float* entry = level.posts.data() + r * posts;
+    for (int i = 0; i < samples; ++i) {
+      const bool last = !sampler_.intervals() && i + 1 == samples;
+      const float t0 = sampler_.distance(entry[i]);
+      const float t1 = last ? t0 : sampler_.distance(entry[i + 1]);
+      const float t = sampler_.intervals() ? 0.5f * (t0 + t1) : t0;
+      const Vec3 p = ray.origin + ray.direction * t;
+      const Vec3 at = warped ? contract(p) : p;
+      const bool end = field_.options.opaque_end && i + 1 == samples;
+      if (!end && !occupancy_->may_hold(at)) continue;
+      const size_t column = level.kept.size();
+      for (int k = 0; k < 3; ++k) position[k * ld + static_cast<int64_t>(column)] = at[k];
+      delta[column] = last ? kLongestInterval : (t1 - t0) * ray.length;
+      level.kept.push_back(static_cast<int>(r) * samples + i);
+    }
+    level.dense_begin.push_back(static_cast<int32_t>(level.kept.size()));
+  }
+  c.samples = static_cast<int>(level.kept.size());
+  c.ray_begin = level.dense_begin.data();
+}
+
+void NetworkLevels::spread_weights(Level& level, int samples) {
+  level.all_weights.assign(rays_.size() * static_cast<size_t>(samples), 0.0f);
+  const float* w = std::as_const(level.chunk).data(level.tape.weights);
+  for (size_t i = 0; i < level.kept.size(); ++i)
+    level.all_weights[static_cast<size_t>(level.kept[i])] = w[i];
+  dense_ += static_cast<int64_t>(level.kept.size());
+  all_ += static_cast<int64_t>(level.all_weights.size());
+}
+
 void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool skip) {
   rays_ = rays;
   dense_ = all_ = 0;
@@ -197,8 +242,11 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool ski
     }
     level.chunk.loss = 0;
     place_rays(level, level.tape, level.chunk, training_);
-    level.skipped = skip && level.probe;
-    if (level.skipped) {
+    const bool in_picture = !training_ && occupancy_;
+    level.skipped = in_picture || (skip && level.probe);
+    if (in_picture) {
+      place_occupied(level, samples);
+    } else if (level.skipped) {
       place_samples(level, samples, *level.probe, *level.probe_chunk);
       level.probe->forward_weights(*level.probe_chunk);
       count_dense(*level.probe, *level.probe_chunk);
@@ -211,6 +259,8 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool ski
       level.tape.forward(level.chunk);
     else
       level.tape.forward_weights(level.chunk);
+    if (in_picture) spread_weights(level, samples);
+    if (!training_ && !in_picture) all_ += level.chunk.samples, dense_ += level.chunk.samples;
     if (can_skip() && !level.skipped) count_dense(level.tape, level.chunk);
   }
 }
@@ -297,8 +347,9 @@ void NetworkLevels::pixel(int ray, float rgb[3], float& opacity) const {
 std::span<const float> NetworkLevels::weights(int level, int ray) const {
   const Level& l = *levels_[static_cast<size_t>(level)];
   const size_t n = static_cast<size_t>(samples(level));
-  const float* all = l.skipped ? std::as_const(*l.probe_chunk).data(l.probe->weights)
-                               : l.chunk.data(l.tape.weights);
+  const float* all = l.chunk.data(l.tape.weights);
+  if (l.skipped)
+    all = training_ ? std::as_const(*l.probe_chunk).data(l.probe->weights) : l.all_weights.data();
   return {all + static_cast<size_t>(ray) * n, n};
 }
 

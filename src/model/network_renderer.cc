@@ -21,7 +21,8 @@ Vec3 background_of(const ModelInfo& info, const RenderOptions& options) {
 
 }  // namespace
 
-Frame render_network(const NetworkField& field, const ModelInfo& info, const Camera& camera,
+Frame render_network(const NetworkField& field, const ModelInfo& info,
+                     const BakedOccupancy* occupancy, const Camera& camera,
                      const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel) {
   NERF_CHECK(camera.width > 0 && camera.height > 0);
@@ -31,7 +32,8 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
   Frame frame{camera.width, camera.height, std::vector<float>(static_cast<size_t>(3 * pixels)),
               std::vector<float>(static_cast<size_t>(pixels)),
               std::vector<float>(static_cast<size_t>(pixels))};
-  const int per_chunk = NetworkLevels::rays_per_chunk(field);
+  // Where most samples are skipped more rays fill a chunk.
+  const int per_chunk = NetworkLevels::rays_per_chunk(field) * (occupancy ? 4 : 1);
   std::vector<std::unique_ptr<NetworkLevels>> levels(static_cast<size_t>(pool.size()));
   std::mutex mutex;
   int64_t done = 0;
@@ -41,7 +43,11 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
   pool.parallel_for_thread(items, [&](int64_t item, int thread) {
     if (cancel && cancel->requested()) throw Cancelled();
     auto& own = levels[static_cast<size_t>(thread)];
-    if (!own) own = std::make_unique<NetworkLevels>(field, per_chunk);
+    if (!own) {
+      own = std::make_unique<NetworkLevels>(field, per_chunk);
+      own->skip_empty(occupancy);
+    }
+    int64_t asked = 0, coloured = 0, cast_rays = 0;
     std::vector<NetworkRay> rays;
     std::vector<int64_t> pixel_of;
     std::vector<double> forward;  // cosine between ray and optical axis
@@ -64,6 +70,9 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
       }
       if (rays.empty()) continue;
       own->forward(rays, 1);
+      asked += own->dense_samples();
+      coloured += own->coloured_samples();
+      cast_rays += static_cast<int64_t>(rays.size());
       for (size_t r = 0; r < rays.size(); ++r) {
         const size_t p = static_cast<size_t>(pixel_of[r]);
         own->pixel(static_cast<int>(r), &frame.rgb[3 * p], frame.alpha[p]);
@@ -75,8 +84,11 @@ Frame render_network(const NetworkField& field, const ModelInfo& info, const Cam
         frame.depth_z[p] = std::isfinite(depth) ? static_cast<float>(depth) : 0.0f;
       }
     }
+    std::lock_guard lock(mutex);
+    frame.statistics.rays += cast_rays;
+    frame.statistics.density_evaluations += asked;
+    frame.statistics.colour_evaluations += coloured;
     if (progress) {
-      std::lock_guard lock(mutex);
       progress(static_cast<double>(++done) / static_cast<double>(items));
     }
   });
@@ -88,13 +100,12 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
                    std::span<float> density, std::span<float> rgb, ThreadPool& pool) {
   const NetworkOptions& o = field.options;
   const int last = o.sampling.levels() - 1;
-  const IntervalSampler sampler(o.sampling, field.near, field.far);
-  // One sample on each of many rays, on a tape that is made for many on each of a few.
-  const int block = sampler.samples(last);
+  constexpr int block = 256;  // points of a network call, each on a ray of its own
   const auto axes =
       o.encoding == Encoding::kOffAxis ? off_axis_directions() : std::span<const Vec3>();
   struct Worker {
-    Worker(const NetworkField& f, int level, int rays) : tape(f, level, rays), chunk(tape.tape) {}
+    Worker(const NetworkField& f, int level, int points)
+        : tape(f, level, points, points, NetworkTape::Purpose::kRender, {}), chunk(tape.tape) {}
     NetworkTape tape;
     Chunk chunk;
   };

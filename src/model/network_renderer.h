@@ -12,7 +12,11 @@
 
 namespace nerf::internal {
 
-Frame render_network(const NetworkField& field, const ModelInfo& info, const Camera& camera,
+class BakedOccupancy;
+
+// `occupancy` may be null: nothing is skipped.
+Frame render_network(const NetworkField& field, const ModelInfo& info,
+                     const BakedOccupancy* occupancy, const Camera& camera,
                      const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel);
 

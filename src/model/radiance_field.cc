@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "model/baked_occupancy.h"
 #include "model/network_renderer.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
@@ -14,6 +15,20 @@ RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const GridField> gr
 
 RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const NetworkField> network)
     : info_(std::move(info)), network_(std::move(network)) {}
+
+bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel) {
+  using internal::BakedOccupancy;
+  if (!network_ || network_->options.cast != Cast::kPoint || network_->options.integrated())
+    return false;
+  const IntervalSampler sampler(network_->options.sampling, network_->near, network_->far);
+  uint64_t samples = 0;
+  for (int level = 0; level < sampler.levels(); ++level)
+    samples += static_cast<uint64_t>(sampler.samples(level));
+  // Skipping saves most of the picture's evaluations.
+  if (!baked_ && pixels * samples > 2 * static_cast<uint64_t>(BakedOccupancy::kEvaluations))
+    baked_ = std::make_shared<BakedOccupancy>(internal::bake_occupancy(*network_, pool, cancel));
+  return baked_ != nullptr;
+}
 
 void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
                           std::span<float> density, std::span<float> rgb, ThreadPool& pool) const {

@@ -280,8 +280,9 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress, const Cancel* cancel) {
   if (!radiance.is_grid())
-    return internal::render_network(radiance.network(), radiance.info(), camera, camera_to_world,
-                                    options, pool, progress, cancel);
+    return internal::render_network(radiance.network(), radiance.info(),
+                                    options.unclipped ? nullptr : radiance.baked(), camera,
+                                    camera_to_world, options, pool, progress, cancel);
   const GridField& field = radiance.grid();
   const ModelInfo& info = radiance.info();
   NERF_CHECK(camera.width > 0 && camera.height > 0);

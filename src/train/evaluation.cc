@@ -94,11 +94,18 @@ Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const
   return out;
 }
 
-Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoSet& photos,
+Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoSet& photos,
                     const EvaluationOptions& options, ThreadPool& pool,
                     const std::function<void(double)>& progress, const Cancel* cancel) {
   const auto begin = std::chrono::steady_clock::now();
   const std::vector<int> views = chosen(scene.test, options.max_views);
+  uint64_t pixels = 0;
+  for (const int v : views) {
+    const Camera& camera = photos.cameras[static_cast<size_t>(v)];
+    pixels += static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
+  }
+  RadianceField field = model;
+  field.bake(pixels, pool, cancel);
   if (!options.pictures.empty()) make_writable_folder(options.pictures);
   RenderOptions render_options;
   render_options.background = evaluation_background(scene.alpha);

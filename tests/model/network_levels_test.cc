@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "model/baked_occupancy.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/camera.h"
 #include "nerf/model/radiance_field.h"
@@ -117,6 +118,15 @@ TEST(NetworkLevels, NothingIsLostFarAway) {
     }
 }
 
+Camera sphere_like_camera() {
+  Camera c;
+  c.model = CameraModel::kPinhole;
+  c.width = 40;
+  c.height = 30;
+  c.params = {35, 35, 20, 15};
+  return c;
+}
+
 // The pixels of a chunk do not depend on what else is in it.
 TEST(NetworkLevels, RaysDoNotMeetEachOther) {
   for (const NetworkOptions& o : all_methods()) {
@@ -174,6 +184,55 @@ TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
       for (size_t i = 0; i < want.size(); ++i)
         ASSERT_NEAR(got[i], want[i], 64 * 0x1p-24 * largest) << i;
     }
+}
+
+// A ball of matter in the middle: what is skipped around it changes pixels by less than a
+// thousandth.
+TEST(NetworkRenderer, BakedModelsSkipEmptySpace) {
+  NetworkOptions o = small_network(nerf_options());
+  o.sampling.coarse = o.sampling.fine = 64;
+  o.depth = o.proposal_depth = 1;
+  auto field = std::make_shared<NetworkField>(o, 0.5, 4);
+  // density = 40 relu(1.2 - |x| - |y| - |z|), by units that are |x| = relu(x) + relu(-x).
+  for (const RadianceNetwork& n : field->networks) {
+    const LinearWeights& in = n.trunk[0];
+    for (int axis = 0; axis < 3; ++axis)
+      for (int sign = 0; sign < 2; ++sign) {
+        const int unit = 2 * axis + sign;
+        field->weights[in.offset + static_cast<size_t>(unit * weight_stride(in.in) + axis)] =
+            sign ? -1.0f : 1.0f;
+        field->weights[n.density.offset + static_cast<size_t>(unit)] = -40;
+      }
+    field->weights[n.density.bias_offset()] = 40 * 1.2f - 8;  // the octahedron |p|_1 < 1
+  }
+  ModelInfo info;
+  info.method = "composed";
+  info.alpha = true;
+  RadianceField model(info, field);
+  ThreadPool pool(2);
+  Camera camera = sphere_like_camera();
+  Pose pose;
+  pose.translation = {0.1, 0.2, -2.5};
+  const Frame whole = render(model, camera, pose, {}, pool);
+  EXPECT_FALSE(model.bake(100, pool));  // a few pixels are not worth it
+  ASSERT_TRUE(model.bake(uint64_t{1} << 40, pool));
+  EXPECT_GT(model.baked()->occupied_fraction(), 0.005);
+  EXPECT_LT(model.baked()->occupied_fraction(), 0.2);
+  const Frame skipped = render(model, camera, pose, {}, pool);
+  RenderOptions off;
+  off.unclipped = true;
+  const Frame unskipped = render(model, camera, pose, off, pool);
+  EXPECT_EQ(whole.rgb, unskipped.rgb);
+  EXPECT_LT(skipped.statistics.density_evaluations, whole.statistics.density_evaluations / 2);
+  EXPECT_LT(skipped.statistics.colour_evaluations, whole.statistics.colour_evaluations / 2);
+  EXPECT_EQ(whole.statistics.colour_evaluations, int64_t{40} * 30 * 128);
+  double largest = 0;
+  for (size_t i = 0; i < whole.rgb.size(); ++i)
+    largest = std::max(largest, std::fabs(static_cast<double>(whole.rgb[i]) -
+                                          static_cast<double>(skipped.rgb[i])));
+  // Samples of the fine level stand elsewhere where the coarse level's faint light is missing.
+  EXPECT_LT(largest, 0.02);
+  EXPECT_GT(*std::max_element(whole.alpha.begin(), whole.alpha.end()), 0.9f);
 }
 
 Camera small_camera() {

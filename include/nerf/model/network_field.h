@@ -88,10 +88,9 @@ struct NetworkTape {
     bool on_weights = false;  // whether the caller has gradients of the weights
     bool density_noise = false;
   };
-  NetworkTape(const NetworkField& field, int level, int rays, Purpose purpose,
+  // For at most so many samples on at most so many rays.
+  NetworkTape(const NetworkField& field, int level, int samples, int rays, Purpose purpose,
               const Losses& losses);
-  NetworkTape(const NetworkField& field, int level, int rays)
-      : NetworkTape(field, level, rays, Purpose::kRender, {}) {}
 
   // Density and weights only.
   void forward_weights(Chunk& chunk) const { tape.forward(chunk, 0, weight_operations_); }

@@ -13,6 +13,10 @@
 
 namespace nerf {
 
+namespace internal {
+class BakedOccupancy;
+}
+
 struct NetworkLosses {
   float coarse = 1;         // of the colour error of the levels before the last
   float interlevel = 0;     // of the proposals' (Barron et al. 2022, equation 13), for a mean over
@@ -28,6 +32,10 @@ class NetworkLevels {
   NetworkLevels(const NetworkField& field, int rays, bool training, const NetworkLosses& losses);
   NetworkLevels(const NetworkField& field, int rays) : NetworkLevels(field, rays, false, {}) {}
 
+  // Pictures only: samples whose position cannot hold matter are not asked for. Null: all are. Only
+  // with Cast::kPoint; must outlive this.
+  void skip_empty(const internal::BakedOccupancy* occupancy) { occupancy_ = occupancy; }
+
   // How many rays a chunk of the cache's size has.
   static int rays_per_chunk(const NetworkField& field);
 
@@ -41,9 +49,12 @@ class NetworkLevels {
   // same values; it pays where less than kSkipPays of all samples have density.
   void forward(std::span<NetworkRay> rays, float exponent, bool skip);
   bool can_skip() const;
-  // Samples of the last forward() that have density, and all of them. Known with can_skip().
+  // Samples of the last forward() that have density (in a picture: that were asked for), and all of
+  // them. Known with can_skip() and in pictures.
   int64_t dense_samples() const { return dense_; }
   int64_t all_samples() const { return all_; }
+  // Whose colours the last forward() computed for the picture.
+  int64_t coloured_samples() const { return levels_.back()->chunk.samples; }
   // One more evaluation of all against three of the dense.
   static constexpr double kSkipPays = 0.6;
 
@@ -65,9 +76,9 @@ class NetworkLevels {
 
  private:
   struct Level {
-    Level(const NetworkField& field, int level, int rays, bool training,
+    Level(const NetworkField& field, int level, int samples, int rays, bool training,
           const NetworkTape::Losses& losses)
-        : tape(field, level, rays,
+        : tape(field, level, samples * rays, rays,
                training ? NetworkTape::Purpose::kTrain : NetworkTape::Purpose::kRender, losses),
           chunk(tape.tape) {}
     NetworkTape tape;
@@ -77,6 +88,8 @@ class NetworkLevels {
     std::unique_ptr<NetworkTape> probe;  // finds the densities of all samples, can_skip() only
     std::unique_ptr<Chunk> probe_chunk;
     std::vector<int32_t> dense_begin;  // of those that have density
+    std::vector<int> kept;             // of all samples, in a picture that skips
+    std::vector<float> all_weights;    // then: of all samples
     bool skipped = false;              // by the last forward()
   };
 
@@ -85,6 +98,8 @@ class NetworkLevels {
   void place_sample(const NetworkRay& ray, float t0, float t1, int column, const NetworkTape& tape,
                     Chunk& chunk) const;
   void keep_dense(Level& level);
+  void place_occupied(Level& level, int samples);
+  void spread_weights(Level& level, int samples);
   void count_dense(const NetworkTape& tape, const Chunk& chunk);
   double losses_on_weights(size_t level);
 
@@ -95,6 +110,7 @@ class NetworkLevels {
   std::span<const Vec3> axes_;
   std::vector<std::unique_ptr<Level>> levels_;
   std::span<NetworkRay> rays_;
+  const internal::BakedOccupancy* occupancy_ = nullptr;
   int64_t dense_ = 0, all_ = 0;
 };
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <span>
 
+#include "nerf/base/cancel.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/model_info.h"
@@ -13,6 +14,9 @@ namespace nerf {
 
 struct GridField;     // weights and occupancy, model/grid_field.h
 struct NetworkField;  // weights of a paper method, model/network_field.h
+namespace internal {
+class BakedOccupancy;
+}
 
 class RadianceField {
  public:
@@ -30,6 +34,13 @@ class RadianceField {
   const GridField& grid() const { return *grid_; }
   const NetworkField& network() const { return *network_; }
 
+  // Finds out where a paper method's model is empty, once, so that its pictures skip it; for
+  // `pixels` pixels that are to be rendered, and only where it pays for them. Of other models it
+  // does nothing. Not while another thread uses the model. Returns whether pictures skip now.
+  // Throws Cancelled.
+  bool bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel = nullptr);
+  const internal::BakedOccupancy* baked() const { return baked_.get(); }
+
   // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both
   // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the grid method's
   // density is 0 outside the trained region and in cells that are known to be empty; a paper
@@ -41,6 +52,7 @@ class RadianceField {
   ModelInfo info_;
   std::shared_ptr<const GridField> grid_;
   std::shared_ptr<const NetworkField> network_;
+  std::shared_ptr<const internal::BakedOccupancy> baked_;
 };
 
 }  // namespace nerf

@@ -1,0 +1,57 @@
+// Where a paper method's trained network has matter, found once by asking it everywhere, so that
+// pictures skip the rest.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/threads.h"
+#include "nerf/math/vec.h"
+#include "nerf/model/network_field.h"
+
+namespace nerf::internal {
+
+// Cells of the space that the network's positions live in (warped, where the method warps it): one
+// grid over [-1, 1]^3, a coarser one over [-2, 2]^3.
+class BakedOccupancy {
+ public:
+  static constexpr int kSide = 128;  // cells across each grid
+  static constexpr int kCascades = 2;
+  static constexpr int kPoints = 2;  // asked for in each cell
+  static constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
+
+  // Whether the last level's density may be above 0 at p. True outside the grids.
+  bool may_hold(const Vec3& p) const {
+    const float most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
+    if (!(most < 2)) return true;
+    const int cascade = most < 1 ? 0 : 1;
+    return cells_[static_cast<size_t>(cascade * kCells + cell_of(p, cascade))] != 0;
+  }
+  double occupied_fraction() const;
+
+  // Points that a bake asks for.
+  static constexpr int64_t kEvaluations = kPoints * (kCells + kCells * 7 / 8);
+
+ private:
+  friend BakedOccupancy bake_occupancy(const NetworkField&, ThreadPool&, const Cancel*);
+  static float cell_width(int cascade) { return std::ldexp(2.0f / kSide, cascade); }
+  static int64_t cell_of(const Vec3& p, int cascade) {
+    const float scale = 1 / cell_width(cascade);
+    int64_t at[3];
+    for (int k = 0; k < 3; ++k)
+      at[k] = std::clamp<int64_t>(static_cast<int64_t>(std::floor(p[k] * scale)) + kSide / 2, 0,
+                                  kSide - 1);
+    return (at[2] * kSide + at[1]) * kSide + at[0];
+  }
+  std::vector<uint8_t> cells_;
+};
+
+// Only for models of points (Cast::kPoint): a cone's Gaussian reaches beyond its middle's cell. A
+// cell counts as empty where none of its points, nor of its 26 neighbours', would stop as much as a
+// thousandth of the light over a cell's width. Throws Cancelled.
+BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const Cancel* cancel);
+
+}  // namespace nerf::internal
