@@ -96,23 +96,10 @@ std::vector<AblationOptions::Variant> AblationOptions::variants() const {
 }
 
 std::vector<std::string> common_arguments(const AblationOptions& o) {
-  std::vector<std::string> out = {o.scene.string(),
-                                  "--method",
-                                  o.method,
-                                  "--scale",
-                                  std::get<std::string>(OptionTraits<Scale>::to_value(o.scale)),
-                                  "--split",
-                                  o.split == SplitChoice::kDev ? "dev" : "test",
-                                  "--downscale",
-                                  std::to_string(o.downscale),
-                                  "--seed",
-                                  std::to_string(o.seed),
-                                  "--threads",
-                                  std::to_string(o.threads),
-                                  "--eval-every",
-                                  "0",
-                                  "--checkpoint-every",
-                                  "0"};
+  std::vector<std::string> out =
+      training_arguments(o.scene, o.split, o.downscale, o.seed, o.threads);
+  out.insert(out.end(), {"--method", o.method, "--scale",
+                         std::get<std::string>(OptionTraits<Scale>::to_value(o.scale))});
   if (o.steps > 0)
     out.insert(out.end(), {"--steps", std::to_string(o.steps)});
   else

@@ -10,6 +10,23 @@ namespace nerf::apps {
 
 namespace fs = std::filesystem;
 
+std::vector<std::string> training_arguments(const std::filesystem::path& scene, SplitChoice split,
+                                            int downscale, uint64_t seed, int threads) {
+  std::vector<std::string> out = {scene.string(),
+                                  "--split",
+                                  split == SplitChoice::kDev ? "dev" : "test",
+                                  "--seed",
+                                  std::to_string(seed),
+                                  "--threads",
+                                  std::to_string(threads),
+                                  "--eval-every",
+                                  "0",
+                                  "--checkpoint-every",
+                                  "0"};
+  if (downscale > 1) out.insert(out.end(), {"--downscale", std::to_string(downscale)});
+  return out;
+}
+
 ChildTraining train_in_child(std::vector<std::string> arguments, const fs::path& folder) {
   arguments.insert(arguments.end(), {"-o", folder.string(), "--overwrite"});
   ChildTraining out;

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "train_options.h"
+
 namespace nerf::apps {
 
 struct ChildTraining {
@@ -13,6 +15,11 @@ struct ChildTraining {
   std::vector<nlohmann::json> evaluations;  // lines of metrics.jsonl
   std::string command;                      // the same training by hand
 };
+
+// What such trainings share: the scene and how it is split, seed, threads, and neither evaluation nor
+// checkpoint before the end.
+std::vector<std::string> training_arguments(const std::filesystem::path& scene, SplitChoice split,
+                                            int downscale, uint64_t seed, int threads);
 
 // Runs the nerf_train that stands beside this program (or the one in PATH) with the arguments and
 // `-o folder --overwrite`. Throws Error where it fails.

@@ -16,19 +16,8 @@ const std::vector<std::string> kColumns = {
 // A training with options of its own behind those that all share.
 ChildTraining train(const ErrorBenchOptions& options, const std::string& name,
                     const std::vector<std::string>& own) {
-  std::vector<std::string> arguments = {options.scene.string(),
-                                        "--split",
-                                        options.split == SplitChoice::kDev ? "dev" : "test",
-                                        "--seed",
-                                        std::to_string(options.seed),
-                                        "--threads",
-                                        std::to_string(options.threads),
-                                        "--eval-every",
-                                        "0",
-                                        "--checkpoint-every",
-                                        "0"};
-  if (options.downscale > 1)
-    arguments.insert(arguments.end(), {"--downscale", std::to_string(options.downscale)});
+  std::vector<std::string> arguments = training_arguments(
+      options.scene, options.split, options.downscale, options.seed, options.threads);
   arguments.insert(arguments.end(), own.begin(), own.end());
   log_info("training " + name);
   ChildTraining out = train_in_child(std::move(arguments), options.out / "runs" / name);

@@ -152,15 +152,20 @@ void NetworkTrainer::draw_rays() {
   }
 }
 
+bool NetworkTrainer::skipping() const {
+  return options.recipe.skip && workers[0]->can_skip() && dense_share < NetworkLevels::kSkipPays;
+}
+
 void NetworkTrainer::run_chunks() {
   const int64_t chunks = (static_cast<int64_t>(rays.size()) + rays_per_chunk - 1) / rays_per_chunk;
   const int64_t count = static_cast<int64_t>(accumulators.size());
   const int64_t per = (chunks + count - 1) / count;
-  const double share = progress_at(done);
-  const float exponent =
-      options.recipe.anneal ? annealing_exponent(static_cast<float>(share)) : 1.0f;
-  const bool skip =
-      options.recipe.skip && workers[0]->can_skip() && dense_share < NetworkLevels::kSkipPays;
+  const NetworkRecipe& recipe = options.recipe;
+  const int64_t length = recipe.anneal_steps > 0 ? recipe.anneal_steps : options.steps;
+  const double share = std::min(1.0, static_cast<double>(done) /
+                                         static_cast<double>(std::max<int64_t>(length - 1, 1)));
+  const float exponent = recipe.anneal ? annealing_exponent(static_cast<float>(share)) : 1.0f;
+  const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
     NetworkLevels& levels = *workers[static_cast<size_t>(thread)];
     AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
@@ -233,8 +238,15 @@ StepReport NetworkTrainer::step() {
   const double count = static_cast<double>(std::max<int64_t>(report.rays, 1));
   report.opacity /= count;
   report.psnr = -10 * std::log10(std::max(squared_error / (3 * count), 1e-10));
+  int64_t dense = 0, all = 0;
+  for (const Sums& s : sums) {
+    dense += s.dense;
+    all += s.all;
+  }
+  // Those that a network saw forward and backward.
   for (int l = 0; l < workers[0]->levels(); ++l)
     report.samples += report.rays * workers[0]->samples(l);
+  if (skipping()) report.samples = dense;
   reduce_gradient();
   clip_gradient();
   report.rate = static_cast<double>(rate_at(done));
@@ -250,11 +262,6 @@ StepReport NetworkTrainer::step() {
                v.data() + at, field.weights.data() + at);
   });
   lap.into(profile.update);
-  int64_t dense = 0, all = 0;
-  for (const Sums& s : sums) {
-    dense += s.dense;
-    all += s.all;
-  }
   dense_share = all > 0 ? static_cast<double>(dense) / static_cast<double>(all) : 1;
   report.step = ++done;
   return report;

@@ -28,6 +28,7 @@ struct NetworkTrainer final : TrainerImpl {
 
   float rate_at(int64_t step) const;
   void draw_rays();
+  bool skipping() const;  // in the step to come
   void run_chunks();
   void reduce_gradient();
   void clip_gradient();

@@ -21,6 +21,7 @@ struct NetworkRecipe {
   double warmup_rate = 1;
   double near = 0, far = 0;
   bool anneal = false;
+  int anneal_steps = 0;
   bool skip = true;
 
   template <class V>
@@ -50,6 +51,7 @@ struct NetworkRecipe {
     v("far", far, "last distance of samples, engine units; 0: from the scene", at_least(0));
     v("skip", skip, "leave out samples that a ReLU gives no density: they have no gradient");
     v("anneal", anneal, "raise weights that samples are drawn from to a power that grows to 1");
+    v("anneal_steps", anneal_steps, "steps over which it does; 0: all", at_least(0));
   }
 };
 
