@@ -16,8 +16,8 @@ struct ChildTraining {
   std::string command;                      // the same training by hand
 };
 
-// What such trainings share: the scene and how it is split, seed, threads, and neither evaluation nor
-// checkpoint before the end.
+// What such trainings share: the scene and how it is split, seed, threads, and neither evaluation
+// nor checkpoint before the end.
 std::vector<std::string> training_arguments(const std::filesystem::path& scene, SplitChoice split,
                                             int downscale, uint64_t seed, int threads);
 

@@ -36,20 +36,22 @@ void grow(std::vector<uint8_t>& cells, int64_t first, int64_t stride, ThreadPool
 }  // namespace
 
 double BakedOccupancy::occupied_fraction() const {
-  return static_cast<double>(std::ranges::count(cells_, uint8_t{1})) /
-         static_cast<double>(cells_.size());
+  return static_cast<double>(std::ranges::count(last_, uint8_t{1})) /
+         static_cast<double>(last_.size());
 }
 
-BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const Cancel* cancel) {
-  NERF_CHECK(field.options.cast == Cast::kPoint && !field.options.integrated());
+namespace {
+
+// Of one level's network.
+std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool& pool,
+                                const Cancel* cancel) {
   constexpr int64_t kSide = BakedOccupancy::kSide, kCells = BakedOccupancy::kCells;
   constexpr int kCascades = BakedOccupancy::kCascades, kPoints = BakedOccupancy::kPoints;
   constexpr int kBlock = 256;  // points of a network call
   constexpr int kCellsPerBlock = kBlock / kPoints;
   struct Worker {
-    explicit Worker(const NetworkField& f)
-        : tape(f, f.options.sampling.levels() - 1, kBlock, 1, NetworkTape::Purpose::kDensity, {}),
-          chunk(tape.tape) {
+    Worker(const NetworkField& f, int level)
+        : tape(f, level, kBlock, 1, NetworkTape::Purpose::kDensity, {}), chunk(tape.tape) {
       chunk.weights = f.weights.data();
       chunk.rays = 1;
       for (int k = 0; k < 3; ++k)
@@ -58,15 +60,14 @@ BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const
     NetworkTape tape;
     Chunk chunk;
   };
-  BakedOccupancy out;
-  out.cells_.assign(static_cast<size_t>(kCascades * kCells), 0);
+  std::vector<uint8_t> out(static_cast<size_t>(kCascades * kCells), 0);
   std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool.size()));
   for (int cascade = 0; cascade < kCascades; ++cascade) {
-    const float w = BakedOccupancy::cell_width(cascade);
+    const float w = baked_cell_width(BakedOccupancy::kSide, cascade);
     pool.parallel_for_thread(kCells / kCellsPerBlock, [&](int64_t block, int thread) {
       if (cancel && cancel->requested()) throw Cancelled();
       auto& own = workers[static_cast<size_t>(thread)];
-      if (!own) own = std::make_unique<Worker>(field);
+      if (!own) own = std::make_unique<Worker>(field, level);
       Chunk& c = own->chunk;
       const int64_t ld = c.stride(own->tape.position);
       float* position = c.data(own->tape.position);
@@ -97,11 +98,21 @@ BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const
       for (int i = 0; i < count; ++i)
         for (int k = 0; k < kPoints; ++k)
           if (!(density[i * kPoints + k] * w < kEmptyThickness))
-            out.cells_[static_cast<size_t>(cascade * kCells + cells[i])] = 1;
+            out[static_cast<size_t>(cascade * kCells + cells[i])] = 1;
     });
     for (int64_t stride : {int64_t{1}, kSide, kSide * kSide})
-      grow(out.cells_, cascade * kCells, stride, pool);
+      grow(out, cascade * kCells, stride, pool);
   }
+  return out;
+}
+
+}  // namespace
+
+BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const Cancel* cancel) {
+  NERF_CHECK(field.options.cast == Cast::kPoint && !field.options.integrated());
+  BakedOccupancy out;
+  out.last_ = bake_level(field, field.options.sampling.levels() - 1, pool, cancel);
+  if (field.networks.size() > 1) out.before_ = bake_level(field, 0, pool, cancel);
   return out;
 }
 

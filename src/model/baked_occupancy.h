@@ -14,8 +14,13 @@
 
 namespace nerf::internal {
 
-// Cells of the space that the network's positions live in (warped, where the method warps it): one
-// grid over [-1, 1]^3, a coarser one over [-2, 2]^3.
+inline float baked_cell_width(int side, int cascade) {
+  return std::ldexp(2.0f / static_cast<float>(side), cascade);
+}
+
+// Cells of the space that the networks' positions live in (warped, where the method warps it): one
+// grid over [-1, 1]^3, a coarser one over [-2, 2]^3; for each network its own, since what a level
+// draws from the weights of the one before is sensitive to the faintest of them.
 class BakedOccupancy {
  public:
   static constexpr int kSide = 128;  // cells across each grid
@@ -23,30 +28,31 @@ class BakedOccupancy {
   static constexpr int kPoints = 2;  // asked for in each cell
   static constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
 
-  // Whether the last level's density may be above 0 at p. True outside the grids.
-  bool may_hold(const Vec3& p) const {
+  // Whether the density of the last level, or of those before it, may be above 0 at p. True outside
+  // the grids.
+  bool may_hold(const Vec3& p, bool last) const {
     const float most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
     if (!(most < 2)) return true;
     const int cascade = most < 1 ? 0 : 1;
-    return cells_[static_cast<size_t>(cascade * kCells + cell_of(p, cascade))] != 0;
+    const std::vector<uint8_t>& cells = last || before_.empty() ? last_ : before_;
+    return cells[static_cast<size_t>(cascade * kCells + cell_of(p, cascade))] != 0;
   }
-  double occupied_fraction() const;
+  double occupied_fraction() const;  // of the last level
 
-  // Points that a bake asks for.
+  // Points that a bake asks a network for.
   static constexpr int64_t kEvaluations = kPoints * (kCells + kCells * 7 / 8);
 
  private:
   friend BakedOccupancy bake_occupancy(const NetworkField&, ThreadPool&, const Cancel*);
-  static float cell_width(int cascade) { return std::ldexp(2.0f / kSide, cascade); }
   static int64_t cell_of(const Vec3& p, int cascade) {
-    const float scale = 1 / cell_width(cascade);
+    const float scale = 1 / baked_cell_width(kSide, cascade);
     int64_t at[3];
     for (int k = 0; k < 3; ++k)
       at[k] = std::clamp<int64_t>(static_cast<int64_t>(std::floor(p[k] * scale)) + kSide / 2, 0,
                                   kSide - 1);
     return (at[2] * kSide + at[1]) * kSide + at[0];
   }
-  std::vector<uint8_t> cells_;
+  std::vector<uint8_t> last_, before_;  // before_: empty where all levels share one network
 };
 
 // Only for models of points (Cast::kPoint): a cone's Gaussian reaches beyond its middle's cell. A

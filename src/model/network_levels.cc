@@ -187,6 +187,7 @@ void NetworkLevels::place_occupied(Level& level, int samples) {
   const NetworkTape& tape = level.tape;
   const size_t posts = static_cast<size_t>(samples) + (sampler_.intervals() ? 1 : 0);
   const bool warped = field_.options.space == Space::kContract;
+  const bool is_last = &level == levels_.back().get();
   const int64_t ld = c.stride(tape.position);
   float* position = c.data(tape.position);
   float* delta = c.data(tape.delta);
@@ -203,7 +204,7 @@ void NetworkLevels::place_occupied(Level& level, int samples) {
       const Vec3 p = ray.origin + ray.direction * t;
       const Vec3 at = warped ? contract(p) : p;
       const bool end = field_.options.opaque_end && i + 1 == samples;
-      if (!end && !occupancy_->may_hold(at)) continue;
+      if (!end && !occupancy_->may_hold(at, is_last)) continue;
       const size_t column = level.kept.size();
       for (int k = 0; k < 3; ++k) position[k * ld + static_cast<int64_t>(column)] = at[k];
       delta[column] = last ? kLongestInterval : (t1 - t0) * ray.length;

@@ -24,8 +24,10 @@ bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel
   uint64_t samples = 0;
   for (int level = 0; level < sampler.levels(); ++level)
     samples += static_cast<uint64_t>(sampler.samples(level));
-  // Skipping saves most of the picture's evaluations.
-  if (!baked_ && pixels * samples > 2 * static_cast<uint64_t>(BakedOccupancy::kEvaluations))
+  // Skipping saves more than half of a picture's evaluations.
+  const uint64_t asked =
+      network_->networks.size() * static_cast<uint64_t>(BakedOccupancy::kEvaluations);
+  if (!baked_ && pixels * samples > 2 * asked)
     baked_ = std::make_shared<BakedOccupancy>(internal::bake_occupancy(*network_, pool, cancel));
   return baked_ != nullptr;
 }

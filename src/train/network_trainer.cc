@@ -162,8 +162,8 @@ void NetworkTrainer::run_chunks() {
   const int64_t per = (chunks + count - 1) / count;
   const NetworkRecipe& recipe = options.recipe;
   const int64_t length = recipe.anneal_steps > 0 ? recipe.anneal_steps : options.steps;
-  const double share = std::min(1.0, static_cast<double>(done) /
-                                         static_cast<double>(std::max<int64_t>(length - 1, 1)));
+  const double share = std::min(
+      1.0, static_cast<double>(done) / static_cast<double>(std::max<int64_t>(length - 1, 1)));
   const float exponent = recipe.anneal ? annealing_exponent(static_cast<float>(share)) : 1.0f;
   const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
