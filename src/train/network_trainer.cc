@@ -23,6 +23,13 @@ NetworkLosses losses_of(const NetworkRecipe& r) {
   return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise};
 }
 
+// Behind photos with alpha is the background: nothing there must be opaque.
+NetworkOptions network_of(const Scene& scene, const TrainOptions& o) {
+  NetworkOptions network = o.network;
+  network.opaque_end = network.opaque_end && !scene.alpha;
+  return network;
+}
+
 // Through the cube of normalised device coordinates t runs from 0 to 1.
 double first_distance(const Scene& scene, const TrainOptions& o) {
   if (o.network.space == Space::kNdc) return 0;
@@ -74,7 +81,7 @@ NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
     : TrainerImpl(s, p, o, t),
-      field(o.network, first_distance(s, o), last_distance(s, o)),
+      field(network_of(s, o), first_distance(s, o), last_distance(s, o)),
       gradient(field.weights.size()),
       m(field.weights.size()),
       v(field.weights.size()),

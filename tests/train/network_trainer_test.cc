@@ -33,7 +33,14 @@ TrainOptions small_options(const std::string& method, int64_t steps) {
   o.network.sampling.fine = 16;
   o.recipe.rays = 96;
   o.recipe.crop_steps = 3;
-  if (o.recipe.far > 0) o.recipe.far = 100;
+  o.recipe.anneal_steps = 0;
+  // The sphere is 2.3 away: of the paper's distances in inverse depth it would fill one of 32. At
+  // the others' rate some seeds stay blank, which run_training() would answer with another salt.
+  if (o.recipe.far > 0) {
+    o.rate = 2e-3;
+    o.recipe.near = 2;
+    o.recipe.far = 100;
+  }
   return o;
 }
 
@@ -81,7 +88,7 @@ TEST_P(NetworkTraining, GoesOnBitForBit) {
 TEST_P(NetworkTraining, LearnsTheSphere) {
   const auto c = sphere_capture(24, 32);
   ThreadPool pool(2);
-  TrainOptions options = small_options(GetParam(), 700);
+  TrainOptions options = small_options(GetParam(), 1200);
   Trainer trainer(c.scene, c.photos, options, pool);
   StepReport first, last;
   trainer.run([&](const StepReport& r) {
@@ -103,7 +110,7 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
   const RadianceField field = trainer.snapshot();
   EXPECT_EQ(field.info().method, GetParam());
   const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
-  // A white picture has 11 dB; three times as many steps reach 28 dB and more.
+  // A white picture has 11 dB; longer trainings reach 28 dB and more.
   EXPECT_GT(e.psnr, 22);
 }
 
@@ -168,7 +175,7 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.distortion += 0.5f; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.interlevel += 0.5f; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.clip = 1e-5; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.near = 1; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.near = 0.7; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.network.sampling.spacing = Spacing::kInverse; }) ||
               options.network.sampling.spacing == Spacing::kInverse);
 }
