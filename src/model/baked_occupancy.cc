@@ -51,7 +51,8 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
   constexpr int kCellsPerBlock = kBlock / kPoints;
   struct Worker {
     Worker(const NetworkField& f, int level)
-        : tape(f, level, kBlock, 1, NetworkTape::Purpose::kDensity, {}), chunk(tape.tape) {
+        : tape(f.options, f.network_of(level), kBlock, 1, NetworkTape::Purpose::kDensity, {}),
+          chunk(tape.tape) {
       chunk.weights = f.weights.data();
       chunk.rays = 1;
       for (int k = 0; k < 3; ++k)

@@ -62,7 +62,7 @@ RadianceField read_network(const ContainerReader& file, const JsonFields& header
   if (!(near >= 0 && near < far)) header.fail("must be below sample_far", "sample_near");
   if (options.sampling.spacing == Spacing::kInverse && !(near > 0))
     header.fail("must be above 0 with inverse spacing", "sample_near");
-  if (file.decoded_bytes("networks") != NetworkField::weights_of(options) * sizeof(float))
+  if (file.decoded_bytes("networks") != place_networks(options).back().end * sizeof(float))
     throw Error(
         "is a damaged model file: its networks do not have the size that its options ask for",
         file.where());

@@ -141,8 +141,6 @@ void NetworkOptions::check_options() const {
                 "leave it out, or --network-proposal-colour on");
 }
 
-namespace {
-
 std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
   std::vector<RadianceNetwork> networks;
   size_t at = 0;
@@ -154,16 +152,10 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
   return networks;
 }
 
-}  // namespace
-
 NetworkField::NetworkField(const NetworkOptions& o, double n, double f)
     : options(o), near(n), far(f), networks(place_networks(o)) {
   simd_target();  // chosen, or found missing, before any kernel runs
   weights = AlignedArray<float>(networks.back().end);
-}
-
-uint64_t NetworkField::weights_of(const NetworkOptions& options) {
-  return place_networks(options).back().end;
 }
 
 size_t NetworkField::parameters() const {
@@ -183,11 +175,9 @@ void NetworkField::initialise(uint64_t seed) {
     });
 }
 
-NetworkTape::NetworkTape(const NetworkField& field, int level, int samples, int rays,
+NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int samples, int rays,
                          Purpose purpose, const Losses& losses)
     : tape(samples, rays) {
-  const NetworkOptions& o = field.options;
-  const RadianceNetwork& n = field.network_of(level);
   position = tape.input(position_rows(o), Domain::kSamples);
   if (o.integrated()) variance = tape.input(position_rows(o), Domain::kSamples);
   directions = tape.input(3, Domain::kRays);

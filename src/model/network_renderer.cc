@@ -33,7 +33,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
               std::vector<float>(static_cast<size_t>(pixels)),
               std::vector<float>(static_cast<size_t>(pixels))};
   // Where most samples are skipped more rays fill a chunk.
-  const int per_chunk = NetworkLevels::rays_per_chunk(field) * (occupancy ? 4 : 1);
+  const int per_chunk = NetworkLevels::rays_per_chunk(field.options) * (occupancy ? 4 : 1);
   std::vector<std::unique_ptr<NetworkLevels>> levels(static_cast<size_t>(pool.size()));
   std::mutex mutex;
   int64_t done = 0;
@@ -105,7 +105,8 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
       o.encoding == Encoding::kOffAxis ? off_axis_directions() : std::span<const Vec3>();
   struct Worker {
     Worker(const NetworkField& f, int level, int points)
-        : tape(f, level, points, points, NetworkTape::Purpose::kRender, {}), chunk(tape.tape) {}
+        : tape(f.options, f.network_of(level), points, points, NetworkTape::Purpose::kRender, {}),
+          chunk(tape.tape) {}
     NetworkTape tape;
     Chunk chunk;
   };

@@ -20,10 +20,7 @@ bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel
   using internal::BakedOccupancy;
   if (!network_ || network_->options.cast != Cast::kPoint || network_->options.integrated())
     return false;
-  const IntervalSampler sampler(network_->options.sampling, network_->near, network_->far);
-  uint64_t samples = 0;
-  for (int level = 0; level < sampler.levels(); ++level)
-    samples += static_cast<uint64_t>(sampler.samples(level));
+  const uint64_t samples = static_cast<uint64_t>(network_->options.sampling.all_samples());
   // Skipping saves more than half of a picture's evaluations.
   const uint64_t asked =
       network_->networks.size() * static_cast<uint64_t>(BakedOccupancy::kEvaluations);

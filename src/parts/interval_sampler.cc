@@ -23,16 +23,22 @@ IntervalSampler::IntervalSampler(const IntervalOptions& options, double near, do
   NERF_CHECK(options.spacing == Spacing::kUniform || near_ > 0);
 }
 
-int IntervalSampler::samples(int level) const {
-  if (level + 1 < levels()) return options_.coarse;
-  const bool merged = options_.resampling == Resampling::kCoarseFine && level > 0;
-  return options_.fine + (merged ? options_.coarse * level : 0);
+int IntervalOptions::samples(int level) const {
+  if (level + 1 < levels()) return coarse;
+  const bool merged = resampling == Resampling::kCoarseFine && level > 0;
+  return fine + (merged ? coarse * level : 0);
 }
 
-int IntervalSampler::most_posts() const {
+int IntervalOptions::most_posts() const {
   int most = 0;
   for (int level = 0; level < levels(); ++level) most = std::max(most, posts(level));
   return most;
+}
+
+int IntervalOptions::all_samples() const {
+  int sum = 0;
+  for (int level = 0; level < levels(); ++level) sum += samples(level);
+  return sum;
 }
 
 // `share` of the way from near to far, in the spacing of the first samples.

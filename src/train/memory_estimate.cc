@@ -21,14 +21,11 @@ uint64_t network_weights(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t
 // Follows the members of NetworkTrainer.
 uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
   constexpr uint64_t kFloat = sizeof(float);
-  const uint64_t weights = NetworkField::weights_of(options.network);
+  const uint64_t weights = place_networks(options.network).back().end;
   const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
-  // The arenas of one thread are found by planning them; distances do not matter for their size.
-  const NetworkField field(options.network, 1, 2);
+  const int rays = std::min(NetworkLevels::rays_per_chunk(options.network), options.recipe.rays);
   const uint64_t worker =
-      NetworkLevels(field, std::min(NetworkLevels::rays_per_chunk(field), options.recipe.rays),
-                    true, {})
-          .arena_bytes();
+      NetworkLevels::memory_bytes(options.network, rays, true, losses_of(options.recipe));
   // Weights, gradient and two moments; the same again while a checkpoint is read and a model saved.
   return kFloat * weights * (4 + accumulators + 4) + static_cast<uint64_t>(threads) * worker +
          static_cast<uint64_t>(options.recipe.rays) * sizeof(NetworkRay);

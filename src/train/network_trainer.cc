@@ -17,11 +17,11 @@ int network_accumulators(size_t weights) {
   return static_cast<int>(std::clamp<size_t>(kFloats / std::max<size_t>(weights, 1), 4, 32));
 }
 
-namespace {
-
 NetworkLosses losses_of(const NetworkRecipe& r) {
   return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise};
 }
+
+namespace {
 
 // Behind photos with alpha is the background: nothing there must be opaque.
 NetworkOptions network_of(const Scene& scene, const TrainOptions& o) {
@@ -85,7 +85,7 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
       gradient(field.weights.size()),
       m(field.weights.size()),
       v(field.weights.size()),
-      rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field), o.recipe.rays)),
+      rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field.options), o.recipe.rays)),
       rays(static_cast<size_t>(o.recipe.rays)),
       drawn(rays.size()) {
   for (int i = 0; i < pool.size(); ++i)
@@ -251,8 +251,7 @@ StepReport NetworkTrainer::step() {
     all += s.all;
   }
   // Those that a network saw forward and backward.
-  for (int l = 0; l < workers[0]->levels(); ++l)
-    report.samples += report.rays * workers[0]->samples(l);
+  report.samples = report.rays * field.options.sampling.all_samples();
   if (skipping()) report.samples = dense;
   reduce_gradient();
   clip_gradient();

@@ -15,6 +15,8 @@ namespace nerf {
 // for large ones, whose sums would fill the memory. Depends on the model alone.
 int network_accumulators(size_t weights);
 
+NetworkLosses losses_of(const NetworkRecipe& recipe);
+
 struct NetworkTrainer final : TrainerImpl {
   NetworkTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
                  ThreadPool& pool);

@@ -147,7 +147,7 @@ TEST(NetworkField, GradientOfTheWholeModel) {
       NetworkOptions o = small_network(full);
       o.view_dependence = view_dependence;
       const NetworkField field(o, 2, 6);
-      NetworkTape t(field, o.sampling.levels() - 1, 32, 4, NetworkTape::Purpose::kTrain, {});
+      NetworkTape t(o, field.networks.back(), 32, 4, NetworkTape::Purpose::kTrain, {});
       TapeUnderTest test{&t.tape, {}, {}, {}, {}, 900};
       const auto input = [&](Value value, TestInput spec) {
         test.inputs.push_back(value);

@@ -151,7 +151,8 @@ TEST(IntervalSampler, NumbersOfSamples) {
   EXPECT_EQ(proposal.samples(1), 32);
   EXPECT_EQ(proposal.samples(2), 48);
   EXPECT_EQ(proposal.posts(2), 49);
-  EXPECT_EQ(proposal.most_posts(), 49);
+  EXPECT_EQ(o.most_posts(), 49);
+  EXPECT_EQ(o.all_samples(), 112);
 }
 
 }  // namespace

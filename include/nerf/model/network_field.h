@@ -26,6 +26,15 @@ struct RadianceNetwork {
   size_t parameters() const;  // without padding
 };
 
+// The networks of these options, one behind the other: that of the levels before the last, unless
+// all share one, then the last level's.
+std::vector<RadianceNetwork> place_networks(const NetworkOptions& options);
+
+inline const RadianceNetwork& network_of(const NetworkOptions& options,
+                                         const std::vector<RadianceNetwork>& networks, int level) {
+  return level + 1 == options.sampling.levels() ? networks.back() : networks.front();
+}
+
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct NetworkField {
   // near and far: the first and last distance of samples from a camera, engine units; 0 and 1 in
@@ -39,13 +48,9 @@ struct NetworkField {
   NdcFrame ndc;  // engine units; with Space::kNdc
 
   const RadianceNetwork& network_of(int level) const {
-    const bool last = level + 1 == options.sampling.levels();
-    return last ? networks.back() : networks.front();
+    return nerf::network_of(options, networks, level);
   }
   size_t parameters() const;  // without padding
-  // Floats that the weights of these options take, padding included.
-  static uint64_t weights_of(const NetworkOptions& options);
-
   // Random weights, keyed by the seed; biases 0.
   void initialise(uint64_t seed);
 };
@@ -89,8 +94,8 @@ struct NetworkTape {
     bool density_noise = false;
   };
   // For at most so many samples on at most so many rays.
-  NetworkTape(const NetworkField& field, int level, int samples, int rays, Purpose purpose,
-              const Losses& losses);
+  NetworkTape(const NetworkOptions& options, const RadianceNetwork& network, int samples, int rays,
+              Purpose purpose, const Losses& losses);
 
   // Density and weights only.
   void forward_weights(Chunk& chunk) const { tape.forward(chunk, 0, weight_operations_); }

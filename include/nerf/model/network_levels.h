@@ -37,7 +37,7 @@ class NetworkLevels {
   void skip_empty(const internal::BakedOccupancy* occupancy) { occupancy_ = occupancy; }
 
   // How many rays a chunk of the cache's size has.
-  static int rays_per_chunk(const NetworkField& field);
+  static int rays_per_chunk(const NetworkOptions& options);
 
   // At most as many rays as the constructor was told; they must stay until backward() is done.
   // exponent: what weights are raised to before they are drawn from (kProposal). Training draws
@@ -62,7 +62,9 @@ class NetworkLevels {
   // returns the loss.
   double backward(float* weight_gradient);
 
-  uint64_t arena_bytes() const;
+  // What one with these options would allocate.
+  static uint64_t memory_bytes(const NetworkOptions& options, int rays, bool training,
+                               const NetworkLosses& losses);
   int levels() const { return static_cast<int>(levels_.size()); }
   int samples(int level) const { return sampler_.samples(level); }
   // Of the last forward(): colour (over the background) and opacity of a ray's pixel.
@@ -78,7 +80,7 @@ class NetworkLevels {
   struct Level {
     Level(const NetworkField& field, int level, int samples, int rays, bool training,
           const NetworkTape::Losses& losses)
-        : tape(field, level, samples * rays, rays,
+        : tape(field.options, field.network_of(level), samples * rays, rays,
                training ? NetworkTape::Purpose::kTrain : NetworkTape::Purpose::kRender, losses),
           chunk(tape.tape) {}
     NetworkTape tape;
@@ -93,10 +95,18 @@ class NetworkLevels {
     bool skipped = false;              // by the last forward()
   };
 
-  void place_rays(const Level& level, const NetworkTape& tape, Chunk& chunk, bool training);
+  struct Sample {
+    int ray, column;      // of all samples
+    float t0, t1, delta;  // t0 = t1 of a position
+  };
+  // body(sample) for every sample of the rays, in order.
+  template <class Body>
+  void each_sample(const Level& level, int samples, const Body& body) const;
+  void place_rays(Level& level);
   void place_samples(const Level& level, int samples, const NetworkTape& tape, Chunk& chunk);
-  void place_sample(const NetworkRay& ray, float t0, float t1, int column, const NetworkTape& tape,
-                    Chunk& chunk) const;
+  void place_sample(const NetworkRay& ray, const Sample& sample, int column,
+                    const NetworkTape& tape, Chunk& chunk) const;
+  void normalised_edges(int level, int ray, std::vector<float>& edges) const;
   void keep_dense(Level& level);
   void place_occupied(Level& level, int samples);
   void spread_weights(Level& level, int samples);
@@ -112,6 +122,7 @@ class NetworkLevels {
   std::span<NetworkRay> rays_;
   const internal::BakedOccupancy* occupancy_ = nullptr;
   int64_t dense_ = 0, all_ = 0;
+  std::vector<float> edges_, final_edges_, gradient_of_all_;  // of losses on weights
 };
 
 }  // namespace nerf

@@ -55,6 +55,11 @@ struct IntervalOptions {
   static constexpr int kMostSamples = 4096;
 
   int levels() const { return rounds + 1; }
+  int samples(int level) const;
+  bool intervals() const { return resampling != Resampling::kCoarseFine; }
+  int posts(int level) const { return samples(level) + (intervals() ? 1 : 0); }
+  int most_posts() const;   // of any level
+  int all_samples() const;  // of all levels
 };
 
 // A level is a sorted list of numbers on a ray: n positions (kCoarseFine) or the n + 1 posts of n
@@ -65,10 +70,9 @@ class IntervalSampler {
   IntervalSampler(const IntervalOptions& options, double near, double far);
 
   int levels() const { return options_.levels(); }
-  int samples(int level) const;
-  bool intervals() const { return options_.resampling != Resampling::kCoarseFine; }
-  int posts(int level) const { return samples(level) + (intervals() ? 1 : 0); }
-  int most_posts() const;
+  int samples(int level) const { return options_.samples(level); }
+  bool intervals() const { return options_.intervals(); }
+  int posts(int level) const { return options_.posts(level); }
 
   // The first level; jittered with `random`, even without.
   void first(Random* random, std::span<float> out);

@@ -1,0 +1,171 @@
+// Where the samples of NetworkLevels stand, and which of them the networks are asked for.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "model/baked_occupancy.h"
+#include "nerf/kernels/elementwise.h"
+#include "nerf/math/contraction.h"
+#include "nerf/math/frustum.h"
+#include "nerf/model/network_levels.h"
+
+namespace nerf {
+
+namespace {
+
+// Two independent normal numbers would come of two draws (Box and Muller); one is enough here.
+float normal(Random& random) {
+  const float u = 1 - random.uniform(), v = random.uniform();  // u in (0, 1]
+  return std::sqrt(-2 * std::log(u)) * std::cos(6.28318531f * v);
+}
+
+}  // namespace
+
+template <class Body>
+void NetworkLevels::each_sample(const Level& level, int samples, const Body& body) const {
+  const bool intervals = sampler_.intervals();
+  const size_t posts = static_cast<size_t>(samples) + (intervals ? 1 : 0);
+  for (size_t r = 0; r < rays_.size(); ++r) {
+    const float* entry = level.posts.data() + r * posts;
+    float t0 = sampler_.distance(entry[0]);
+    for (int i = 0; i < samples; ++i) {
+      const bool endless = !intervals && i + 1 == samples;
+      const float next = endless ? t0 : sampler_.distance(entry[i + 1]);
+      const float delta = endless ? kLongestInterval : (next - t0) * rays_[r].length;
+      const int ray = static_cast<int>(r);
+      body(Sample{ray, ray * samples + i, t0, intervals ? next : t0, delta});
+      t0 = next;
+    }
+  }
+}
+
+// The Gaussian around [t0, t1] of the ray (or its middle, a point), warped and projected on the
+// encoding's axes: with J the warp's Jacobian and q = J p the variance along p is
+// t_var (d . q)^2 + r_var (|q|^2 - (d . q)^2 / |d|^2).
+void NetworkLevels::place_sample(const NetworkRay& ray, const Sample& sample, int column,
+                                 const NetworkTape& tape, Chunk& chunk) const {
+  const NetworkOptions& o = field_.options;
+  chunk.data(tape.delta)[column] = sample.delta;
+  RayGaussian<float> g{0.5f * (sample.t0 + sample.t1), 0, 0};
+  if (o.cast == Cast::kCone)
+    g = o.space == Space::kNdc ? cylinder_gaussian(sample.t0, sample.t1, ray.radius)
+                               : cone_gaussian(sample.t0, sample.t1, ray.radius);
+  const Vec3 mean = ray.origin + ray.direction * g.t_mean;
+  const bool warped = o.space == Space::kContract;
+  const Vec3 at = warped ? contract(mean) : mean;
+  const int64_t ld = chunk.stride(tape.position);
+  float* position = chunk.data(tape.position) + column;
+  if (!o.integrated()) {
+    for (int k = 0; k < 3; ++k) position[k * ld] = at[k];
+    return;
+  }
+  float* variance = chunk.data(tape.variance) + column;
+  const auto jacobian =
+      warped ? contraction_jacobian(mean) : ContractionJacobian<float>{1, 0, mean};
+  for (size_t k = 0; k < axes_.size(); ++k) {
+    const Vec3 q = jacobian(axes_[k]);
+    const float along = dot(ray.direction, q);
+    const float across = std::max(0.0f, dot(q, q) - along * along / (ray.length * ray.length));
+    position[static_cast<int64_t>(k) * ld] = dot(axes_[k], at);
+    variance[static_cast<int64_t>(k) * ld] = g.t_variance * along * along + g.r_variance * across;
+  }
+}
+
+void NetworkLevels::place_rays(Level& level) {
+  const NetworkTape& tape = level.tape;
+  Chunk& c = level.chunk;
+  c.rays = static_cast<int>(rays_.size());
+  const int64_t lr = c.stride(tape.directions);
+  const bool last = &level == levels_.back().get();
+  for (int r = 0; r < c.rays; ++r) {
+    const NetworkRay& ray = rays_[static_cast<size_t>(r)];
+    for (int k = 0; k < 3; ++k) {
+      c.data(tape.directions)[k * lr + r] = ray.view[k];
+      c.data(tape.background)[k * lr + r] = ray.background[k];
+    }
+    if (!training_ || tape.pixel < 0) continue;
+    for (int k = 0; k < 3; ++k) c.data(tape.target)[k * lr + r] = ray.target[k];
+    c.data(tape.scale)[r] = ray.scale * (last ? 1.0f : losses_.coarse);
+  }
+}
+
+void NetworkLevels::place_samples(const Level& level, int samples, const NetworkTape& tape,
+                                  Chunk& c) {
+  c.rays = static_cast<int>(rays_.size());
+  c.samples = c.rays * samples;
+  c.ray_begin = level.ray_begin.data();
+  each_sample(level, samples, [&](const Sample& s) {
+    NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
+    place_sample(ray, s, s.column, tape, c);
+    if (tape.noise >= 0) c.data(tape.noise)[s.column] = losses_.density_noise * normal(ray.random);
+  });
+}
+
+void NetworkLevels::count_dense(const NetworkTape& tape, const Chunk& c) {
+  const float* density = c.data(tape.density);
+  dense_ += std::count_if(density, density + c.samples, [](float d) { return d > 0; });
+  all_ += c.samples;
+}
+
+// The probe's samples that have density, moved together on the level's own tape.
+void NetworkLevels::keep_dense(Level& level) {
+  const NetworkTape& from = *level.probe;
+  const Chunk& all = *level.probe_chunk;
+  const NetworkTape& to = level.tape;
+  Chunk& c = level.chunk;
+  const float* density = all.data(from.density);
+  level.kept.clear();
+  level.dense_begin.assign(1, 0);
+  for (int r = 0; r < all.rays; ++r) {
+    const int end = all.ray_begin[r + 1];
+    for (int i = all.ray_begin[r]; i < end; ++i)
+      if (density[i] > 0 || (field_.options.opaque_end && i + 1 == end)) level.kept.push_back(i);
+    level.dense_begin.push_back(static_cast<int32_t>(level.kept.size()));
+  }
+  c.samples = static_cast<int>(level.kept.size());
+  c.ray_begin = level.dense_begin.data();
+  const auto move_rows = [&](Value a, Value b) {
+    if (a < 0) return;
+    for (int row = 0; row < from.tape.rows(a); ++row) {
+      const float* x = all.data(a) + row * all.stride(a);
+      float* y = c.data(b) + row * c.stride(b);
+      for (size_t i = 0; i < level.kept.size(); ++i) y[i] = x[level.kept[i]];
+    }
+  };
+  move_rows(from.position, to.position);
+  if (field_.options.integrated()) move_rows(from.variance, to.variance);
+  move_rows(from.delta, to.delta);
+  move_rows(from.noise, to.noise);
+}
+
+// Only the samples that may meet matter, packed.
+void NetworkLevels::place_occupied(Level& level, int samples) {
+  Chunk& c = level.chunk;
+  const bool warped = field_.options.space == Space::kContract;
+  const bool is_last = &level == levels_.back().get();
+  level.kept.clear();
+  level.dense_begin.assign(rays_.size() + 1, 0);
+  each_sample(level, samples, [&](const Sample& s) {
+    const NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
+    const Vec3 p = ray.origin + ray.direction * (0.5f * (s.t0 + s.t1));
+    const bool end = field_.options.opaque_end && (s.column + 1) % samples == 0;
+    if (end || occupancy_->may_hold(warped ? contract(p) : p, is_last)) {
+      place_sample(ray, s, static_cast<int>(level.kept.size()), level.tape, c);
+      level.kept.push_back(s.column);
+    }
+    level.dense_begin[static_cast<size_t>(s.ray) + 1] = static_cast<int32_t>(level.kept.size());
+  });
+  c.samples = static_cast<int>(level.kept.size());
+  c.ray_begin = level.dense_begin.data();
+}
+
+void NetworkLevels::spread_weights(Level& level, int samples) {
+  level.all_weights.assign(rays_.size() * static_cast<size_t>(samples), 0.0f);
+  const float* w = std::as_const(level.chunk).data(level.tape.weights);
+  for (size_t i = 0; i < level.kept.size(); ++i)
+    level.all_weights[static_cast<size_t>(level.kept[i])] = w[i];
+  dense_ += static_cast<int64_t>(level.kept.size());
+  all_ += static_cast<int64_t>(level.all_weights.size());
+}
+
+}  // namespace nerf
