@@ -8,6 +8,7 @@
 #include "nerf/train/evaluation.h"
 #include "nerf/train/methods.h"
 #include "nerf/train/run.h"
+#include "support/network_options.h"
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
 #include "support/tiny_options.h"
@@ -205,6 +206,16 @@ TEST(Methods, TheTableIsMadeFromTheOptionsThatBuildTheModels) {
   EXPECT_EQ(o.network.position_degrees, 12);
   EXPECT_EQ(o.network.sampling.fine, 32);
   EXPECT_EQ(o.steps, 250000);
+}
+
+// The model layer's tests do not see the table and state the papers' networks once more.
+TEST(Methods, TheTablesModelsAreThoseOfTheModelLayersTests) {
+  const auto text = [](const std::string& method) {
+    return options_text(method_options(method, Scale::kPaper).network);
+  };
+  EXPECT_EQ(text("nerf"), options_text(test::nerf_options()));
+  EXPECT_EQ(text("mipnerf"), options_text(test::mipnerf_options()));
+  EXPECT_EQ(text("mipnerf360"), options_text(test::mipnerf360_options()));
 }
 
 TEST(Methods, EveryPresetIsValid) {
