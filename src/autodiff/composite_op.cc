@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "autodiff/light.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/elementwise.h"
@@ -12,9 +13,6 @@ namespace {
 // alpha_i = 1 - exp(-density_i delta_i). With A_i = sum_{j>i} w_j (c_j . g) + T_n (b . g) the
 // gradient is d/d density_i = delta_i (T_{i+1} (c_i . g) - A_i): what stands behind a sample is
 // dimmed by it. The fourth row, opacity 1 - T_n, behaves as a colour of 1 over a background of 0.
-// Products and sums along a ray are made in double: 1 - alpha in float is off by half a unit in the
-// last place of 1, always the same way where samples are alike, and a million of them lose or gain
-// percents of the light.
 class CompositeOp : public Operation {
  public:
   CompositeOp(Value density, Value colour, Value delta, Value background, Value weights,
@@ -30,13 +28,12 @@ class CompositeOp : public Operation {
     const float* background = c.data(inputs()[3]);
     float* pixel = c.data(output());
     for (int r = 0; r < c.rays; ++r) {
-      double t = 1, sum[3] = {0, 0, 0};
-      for (int i = c.ray_begin[r]; i < c.ray_begin[r + 1]; ++i) {
-        const double alpha = w[i], weight = t * alpha;
-        w[i] = static_cast<float>(weight);
-        t *= 1 - alpha;
-        for (int k = 0; k < 3; ++k) sum[k] += weight * rgb[k * ls + i];
-      }
+      double sum[3] = {0, 0, 0};
+      const double t = internal::weights_from_opacities(w, c.ray_begin[r], c.ray_begin[r + 1],
+                                                        [&](int i, double weight) {
+                                                          for (int k = 0; k < 3; ++k)
+                                                            sum[k] += weight * rgb[k * ls + i];
+                                                        });
       for (int k = 0; k < 3; ++k)
         pixel[k * lr + r] = static_cast<float>(sum[k] + t * background[k * lr + r]);
       pixel[3 * lr + r] = static_cast<float>(1 - t);
@@ -57,20 +54,16 @@ class CompositeOp : public Operation {
     for (int r = 0; r < c.rays; ++r) {
       const double g[4] = {dp[r], dp[lr + r], dp[2 * lr + r], dp[3 * lr + r]};
       const int begin = c.ray_begin[r], end = c.ray_begin[r + 1];
-      const auto length = [&](int i) { return std::min(delta[i], kLongestInterval); };
-      // Transmittance behind sample i, from the optical depth so that it does not drift.
-      double depth = 0;
-      for (int i = begin; i < end; ++i) depth += static_cast<double>(density[i]) * length(i);
-      double t_after = std::exp(-depth);
-      double behind = t_after * (background[r] * g[0] + background[lr + r] * g[1] +
-                                 background[2 * lr + r] * g[2]);
-      for (int i = end; i-- > begin;) {
-        const double toward = rgb[i] * g[0] + rgb[ls + i] * g[1] + rgb[2 * ls + i] * g[2] + g[3];
-        d_density[i] = static_cast<float>(length(i) * (t_after * toward - behind));
-        for (int k = 0; k < 3; ++k) d_rgb[k * ls + i] = static_cast<float>(w[i] * g[k]);
-        behind += w[i] * toward;
-        t_after = std::min(1.0, t_after + w[i]);
-      }
+      const double t = internal::light_through(density, delta, begin, end);
+      const double behind =
+          t * (background[r] * g[0] + background[lr + r] * g[1] + background[2 * lr + r] * g[2]);
+      const auto toward = [&](int i) {
+        return rgb[i] * g[0] + rgb[ls + i] * g[1] + rgb[2 * ls + i] * g[2] + g[3];
+      };
+      internal::density_gradients(w, delta, begin, end, t, behind, toward, d_density);
+      for (int k = 0; k < 3; ++k)
+        for (int i = begin; i < end; ++i)
+          d_rgb[k * ls + i] = static_cast<float>(static_cast<double>(w[i]) * g[k]);
     }
     // Padding columns take no part.
     const int used = c.ray_begin[c.rays];

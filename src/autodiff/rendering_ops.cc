@@ -1,7 +1,7 @@
 // Volume rendering in two steps, for methods with losses on the weights.
 #include <algorithm>
-#include <cmath>
 
+#include "autodiff/light.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/elementwise.h"
@@ -9,9 +9,6 @@
 namespace nerf {
 namespace {
 
-// w_i = T_i alpha_i. With tau_i = density_i delta_i the gradient g of the weights gives
-// d / d tau_i = T_{i+1} g_i - sum_{j>i} w_j g_j: more of sample i is seen, less of what is behind.
-// Products and sums along a ray are made in double, as in composite_op.cc.
 class RenderWeights : public Operation {
  public:
   RenderWeights(Value density, Value delta, Value weights, bool opaque_end)
@@ -24,12 +21,7 @@ class RenderWeights : public Operation {
     for (int r = 0; r < c.rays; ++r) {
       const int end = c.ray_begin[r + 1];
       if (opaque_end_ && end > c.ray_begin[r]) w[end - 1] = 1;
-      double t = 1;
-      for (int i = c.ray_begin[r]; i < end; ++i) {
-        const double alpha = w[i];
-        w[i] = static_cast<float>(t * alpha);
-        t *= 1 - alpha;
-      }
+      internal::weights_from_opacities(w, c.ray_begin[r], end, [](int, double) {});
     }
   }
 
@@ -42,32 +34,19 @@ class RenderWeights : public Operation {
     NERF_CHECK(overwrites(0));
     for (int r = 0; r < c.rays; ++r) {
       const int begin = c.ray_begin[r];
-      int i = c.ray_begin[r + 1];
-      if (i == begin) continue;
-      const auto length = [&](int k) {
-        return static_cast<double>(std::min(delta[k], kLongestInterval));
-      };
-      const auto seen = [&](int k) {
-        return static_cast<double>(w[k]) * static_cast<double>(g[k]);
-      };
-      double t_after = 0, behind = 0;
-      if (opaque_end_) {
-        --i;
-        d_density[i] = 0;
-        behind = seen(i);
-        t_after = static_cast<double>(w[i]);
+      int end = c.ray_begin[r + 1];
+      if (end == begin) continue;
+      const auto gradient = [&](int k) { return static_cast<double>(g[k]); };
+      double t = 0, behind = 0;
+      if (opaque_end_) {  // the last sample is the end itself, whatever its density
+        --end;
+        d_density[end] = 0;
+        t = static_cast<double>(w[end]);
+        behind = t * gradient(end);
       } else {
-        // From the optical depth, so that it does not drift.
-        double depth = 0;
-        for (int s = begin; s < i; ++s) depth += static_cast<double>(density[s]) * length(s);
-        t_after = std::exp(-depth);
+        t = internal::light_through(density, delta, begin, end);
       }
-      while (i-- > begin) {
-        d_density[i] =
-            static_cast<float>(length(i) * (t_after * static_cast<double>(g[i]) - behind));
-        behind += seen(i);
-        t_after = std::min(1.0, t_after + static_cast<double>(w[i]));
-      }
+      internal::density_gradients(w, delta, begin, end, t, behind, gradient, d_density);
     }
     std::fill(d_density + c.ray_begin[c.rays], d_density + round_up(c.samples, kLane), 0.0f);
   }
