@@ -117,9 +117,9 @@ std::string version_text(const std::string& program) { return program + " " NERF
 void log_info(const std::string& text) { spdlog::info("{}", text); }
 void log_warning(const std::string& text) { spdlog::warn("warning: {}", text); }
 
-void log_machine(const std::string& program, int threads, const std::string& precision) {
+void log_machine(const std::string& program, int threads, Precision precision) {
   log_info(fmt::format("{}: {}, {} thread{}, {}", version_text(program), simd_target(), threads,
-                       threads == 1 ? "" : "s", precision));
+                       threads == 1 ? "" : "s", precision_name(resolve_precision(precision))));
 }
 
 }  // namespace nerf::apps

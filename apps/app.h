@@ -5,6 +5,7 @@
 #include <string>
 
 #include "nerf/base/cancel.h"
+#include "nerf/kernels/bf16.h"
 
 namespace nerf::apps {
 
@@ -50,7 +51,7 @@ void log_info(const std::string& text);
 void log_warning(const std::string& text);
 
 // First line of every program: name and version, SIMD target, threads, precision. Throws Error
-// where the processor lacks what the kernels need.
-void log_machine(const std::string& program, int threads, const std::string& precision);
+// where the processor lacks what the kernels or the precision need.
+void log_machine(const std::string& program, int threads, Precision precision);
 
 }  // namespace nerf::apps

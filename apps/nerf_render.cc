@@ -55,7 +55,7 @@ int render_main(int argc, char** argv) {
   if (parse_command_line(argc, argv, render_program_text(), command).exit) return kExitOk;
   const SignalCancel stop;
   ThreadPool pool(command.threads);
-  log_machine("nerf_render", pool.size(), "f32");
+  log_machine("nerf_render", pool.size(), command.precision);
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
@@ -71,6 +71,7 @@ int render_main(int argc, char** argv) {
   RenderOptions options;
   options.background = command.background;
   options.bbox = command.bbox;
+  options.precision = command.precision;
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
                                         const std::function<void(double)>& progress) {
     return render(field, camera, camera_to_world, options, pool, progress, &stop.cancel());

@@ -177,6 +177,7 @@ class Training {
     EvaluationOptions options;
     options.max_views = last ? 0 : command_.eval_views;
     options.pictures = folder_.pictures();
+    options.precision = command_.train.precision;
     Progress progress("evaluating");
     const Evaluation e = evaluate(
         trainer_.snapshot(), scene_, photos_, options, pool_,
@@ -256,7 +257,7 @@ int train_main(int argc, char** argv) {
   check_given(command, line.given);
   const SignalCancel stop;
   ThreadPool pool(command.threads);
-  log_machine("nerf_train", pool.size(), "f32");
+  log_machine("nerf_train", pool.size(), command.train.precision);
 
   if (command.out.empty()) command.out = default_run_folder(command.scene);
   RunFolder folder(command.out, command.resume, command.overwrite);

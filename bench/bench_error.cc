@@ -94,7 +94,7 @@ int bench_error(int argc, char** argv) {
                          "  nerf_bench error --curves skips --run runs/demo -o runs/error"};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
   ThreadPool pool(options.threads);
-  log_machine("nerf_bench error", pool.size(), "f32");
+  log_machine("nerf_bench error", pool.size(), Precision::kAuto);
   make_writable_folder(options.out);
 
   std::vector<ErrorCurve> curves;

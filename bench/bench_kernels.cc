@@ -9,6 +9,7 @@
 #include "bench_commands.h"
 #include "kernel_bench.h"
 #include "nerf/base/file.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/kernels/simd.h"
 #include "options_cli.h"
 
@@ -39,9 +40,16 @@ struct KernelBenchOptions {
 // One column of the table.
 struct Setting {
   std::string target;
+  Bf16Unit unit;  // kNone: the kernels in f32
   ThreadPool* pool;
   std::unique_ptr<Ceilings> ceilings;
+  std::string name() const { return unit == Bf16Unit::kNone ? target : bf16_unit_name(unit); }
 };
+
+void use(const Setting& s) {
+  force_simd_target(s.target);
+  force_bf16_unit(s.unit);
+}
 
 struct UnitText {
   const char* name;
@@ -93,15 +101,20 @@ class KernelBench {
 
  private:
   void measure_ceilings() {
-    for (const std::string& target : simd_targets()) {
-      settings_.push_back({target, &one_, std::make_unique<Ceilings>(one_, seconds())});
-      if (all_.size() > 1)
-        settings_.push_back({target, &all_, std::make_unique<Ceilings>(all_, seconds())});
-    }
+    const auto add = [&](const std::string& target, Bf16Unit unit) {
+      for (ThreadPool* pool : {&one_, &all_})
+        if (pool == &one_ || pool->size() > 1)
+          settings_.push_back({target, unit, pool, std::make_unique<Ceilings>(*pool, seconds())});
+    };
+    for (const std::string& target : simd_targets()) add(target, Bf16Unit::kNone);
+    for (const Bf16Unit unit : bf16_units()) add(simd_targets().front(), unit);
     print_header("ceiling");
     ceiling_row("f32 multiply-adds", "GFLOP/s", [](Ceilings& c) { return c.flops() * 1e-9; });
     ceiling_row("read in order, 16 KB a thread", "GB/s",
                 [](Ceilings& c) { return c.cached() * 1e-9; });
+    ceiling_row(
+        "bf16 products", "GFLOP/s", [](Ceilings& c) { return c.bf16_flops() * 1e-9; },
+        /*bf16=*/true);
     ceiling_row(fmt::format("read in order, {} MB", options_.stream_mb), "GB/s",
                 [this](Ceilings& c) {
                   return c.read(static_cast<uint64_t>(options_.stream_mb) << 20) * 1e-9;
@@ -117,7 +130,7 @@ class KernelBench {
   void print_header(const char* first) const {
     std::string titles = fmt::format("| {} | unit |", first), rule = "|---|---|";
     for (const Setting& s : settings_) {
-      titles += fmt::format(" {}, {} thread{} |", s.target, s.pool->size(),
+      titles += fmt::format(" {}, {} thread{} |", s.name(), s.pool->size(),
                             s.pool->size() == 1 ? "" : "s");
       rule += "---|";
     }
@@ -126,13 +139,17 @@ class KernelBench {
   }
 
   template <class Rate>
-  void ceiling_row(const std::string& name, const char* unit, const Rate& rate) {
+  void ceiling_row(const std::string& name, const char* unit, const Rate& rate, bool bf16 = false) {
     std::string row = fmt::format("| {} | {} |", name, unit);
     for (Setting& s : settings_) {
-      force_simd_target(s.target);
+      if (bf16 != (s.unit != Bf16Unit::kNone)) {
+        row += " |";
+        continue;
+      }
+      use(s);
       const double value = rate(*s.ceilings);
       row += fmt::format(" {} |", figure(value));
-      csv_ += fmt::format("\"ceiling: {}\",{},{},{:.6g},{},,,,\n", name, s.target, s.pool->size(),
+      csv_ += fmt::format("\"ceiling: {}\",{},{},{:.6g},{},,,,\n", name, s.name(), s.pool->size(),
                           value, unit);
     }
     std::printf("%s\n", row.c_str());
@@ -140,18 +157,23 @@ class KernelBench {
   }
 
   void measure(const KernelCase& c) {
-    const KernelRun kernel = c.make(all_.size());
     const UnitText unit = unit_text(c.unit);
     std::string row = fmt::format("| {} | {}, {} |", c.name, unit.name, c.bound);
     for (Setting& s : settings_) {
-      force_simd_target(s.target);
+      const auto& make = s.unit == Bf16Unit::kNone ? c.make : c.make_bf16;
+      if (!make) {
+        row += " |";
+        continue;
+      }
+      use(s);
+      const KernelRun kernel = make(all_.size());
       const double ceiling = kernel.ceiling(*s.ceilings);
       const Timing timing = time_calls(kernel.prepare, [&] { kernel.run(*s.pool); }, seconds());
       const double rate = kernel.work / timing.median;
       const double share = timing.processors / s.pool->size();
       least_share_ = std::min(least_share_, share);
       row += fmt::format(" {} ({:.0f} %) |", figure(rate * unit.scale), 100 * rate / ceiling);
-      csv_ += fmt::format("\"{}\",{},{},{:.6g},{},{},{:.6g},{:.4g},{:.3g}\n", c.name, s.target,
+      csv_ += fmt::format("\"{}\",{},{},{:.6g},{},{},{:.6g},{:.4g},{:.3g}\n", c.name, s.name(),
                           s.pool->size(), rate * unit.scale, unit.name, c.bound,
                           ceiling * unit.scale, rate / ceiling, share);
     }
@@ -180,7 +202,7 @@ int bench_kernels(int argc, char** argv) {
       "Adam's bytes are read and written, against a ceiling of reading as much memory:\n"
       "200 % where writing cost no more than reading."};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
-  log_machine("nerf_bench kernels", ThreadPool(options.threads).size(), "f32");
+  log_machine("nerf_bench kernels", ThreadPool(options.threads).size(), Precision::kAuto);
   return KernelBench(options).run();
 }
 

@@ -114,7 +114,7 @@ int bench_render(int argc, char** argv) {
   const ProgramText text{"nerf_bench render",
                          "Held-out views of a run with and without what rendering leaves out.", ""};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
-  log_machine("nerf_bench render", ThreadPool(options.threads).size(), "f32");
+  log_machine("nerf_bench render", ThreadPool(options.threads).size(), Precision::kAuto);
   compare_rendering(options.run, options.views, options.threads);
   return kExitOk;
 }

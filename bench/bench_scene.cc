@@ -153,7 +153,7 @@ int bench_scene(int argc, char** argv) {
                          "it."};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
   ThreadPool pool(options.threads);
-  log_machine("nerf_bench scene", pool.size(), "f32");
+  log_machine("nerf_bench scene", pool.size(), Precision::kAuto);
   return SceneBench(options).run();
 }
 

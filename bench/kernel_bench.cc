@@ -79,15 +79,27 @@ Timing time_calls(const std::function<void()>& prepare, const std::function<void
   return {median(times), *std::min_element(times.begin(), times.end()), processor_seconds / sum};
 }
 
-double Ceilings::flops() {
-  if (flops_ > 0) return flops_;
+namespace {
+
+double rate_of_loop(ThreadPool& pool, double seconds, int64_t (*loop)(int64_t, float*)) {
   constexpr int64_t kRounds = 1000;
-  std::vector<Sink> sinks(static_cast<size_t>(pool_.size()));
-  const double flops_per_round = static_cast<double>(fma_loop(kRounds, &sinks[0].value));
-  flops_ = flops_per_round * rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
-             fma_loop(kRounds * rounds, &sinks[static_cast<size_t>(thread)].value);
-           });
+  std::vector<Sink> sinks(static_cast<size_t>(pool.size()));
+  const double flops_per_round = static_cast<double>(loop(kRounds, &sinks[0].value));
+  return flops_per_round * rate_per_round(pool, seconds, [&](int64_t thread, int64_t rounds) {
+           loop(kRounds * rounds, &sinks[static_cast<size_t>(thread)].value);
+         });
+}
+
+}  // namespace
+
+double Ceilings::flops() {
+  if (flops_ == 0) flops_ = rate_of_loop(pool_, seconds_, fma_loop);
   return flops_;
+}
+
+double Ceilings::bf16_flops() {
+  if (bf16_flops_ == 0) bf16_flops_ = rate_of_loop(pool_, seconds_, bf16_loop);
+  return bf16_flops_;
 }
 
 double Ceilings::cached() {

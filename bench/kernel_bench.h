@@ -34,8 +34,9 @@ class Ceilings {
  public:
   Ceilings(ThreadPool& pool, double seconds) : pool_(pool), seconds_(seconds) {}
 
-  double flops();   // f32 multiply-adds, FLOP/s
-  double cached();  // read in order, again and again 16 KB by each thread, bytes/s
+  double flops();       // f32 multiply-adds, FLOP/s
+  double bf16_flops();  // of the bf16 unit in use
+  double cached();      // read in order, again and again 16 KB by each thread, bytes/s
   // Read in order, again and again the same array of so many bytes by all threads, bytes/s.
   double read(uint64_t bytes);
   // Reads of 16 bytes at random places of one table, rows/s; its size is rounded up to a power of
@@ -45,7 +46,7 @@ class Ceilings {
  private:
   ThreadPool& pool_;
   double seconds_;
-  double flops_ = 0, cached_ = 0;
+  double flops_ = 0, bf16_flops_ = 0, cached_ = 0;
   std::map<uint64_t, double> read_, random_rows_;
 };
 
@@ -64,6 +65,8 @@ struct KernelCase {
   Unit unit = Unit::kFlops;
   std::string bound;                           // what its ceiling is
   std::function<KernelRun(int threads)> make;  // for pools of at most so many threads
+  // The same on the bf16 unit in use; empty where the kernel knows f32 only.
+  std::function<KernelRun(int threads)> make_bf16 = {};
 };
 
 std::vector<KernelCase> network_cases();

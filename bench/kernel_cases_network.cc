@@ -8,7 +8,9 @@
 #include "kernel_bench.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/autodiff/tape.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/kernels/linear.h"
+#include "nerf/kernels/linear_bf16.h"
 #include "nerf/model/grid_field.h"
 
 namespace nerf::apps {
@@ -19,6 +21,7 @@ constexpr int64_t kLayerSamples = 1 << 16;
 int64_t chunks_of(int64_t samples) { return (samples + kChunkSamples - 1) / kChunkSamples; }
 
 double fma_ceiling(Ceilings& c) { return c.flops(); }
+double bf16_ceiling(Ceilings& c) { return c.bf16_flops(); }
 
 // A thread's chunk of one layer, which stays in its cache.
 struct LayerArrays {
@@ -27,8 +30,10 @@ struct LayerArrays {
         y(noise(static_cast<size_t>(out) * kChunkSamples, 2)),
         dx(x.size()),
         w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
-        dw(w.size()) {}
+        dw(w.size()),
+        packed(static_cast<size_t>(packed_layer_size(in, out))) {}
   AlignedArray<float> x, y, dx, w, dw;
+  AlignedArray<uint16_t> packed;  // of bf16 runs
 };
 
 using LayerKernel = void (*)(int in, int out, LayerArrays& a);
@@ -46,13 +51,30 @@ void backward_weights(int in, int out, LayerArrays& a) {
                           a.dw.data(), nullptr);
 }
 
-KernelRun layer_run(int in, int out, int threads, LayerKernel kernel) {
+void forward_bf16(int in, int out, LayerArrays& a) {
+  linear_forward_bf16(in, out, a.packed.data(), nullptr, a.x.data(), a.y.data(), kChunkSamples,
+                      kChunkSamples, LinearActivation::kRelu);
+}
+void backward_input_bf16(int in, int out, LayerArrays& a) {
+  linear_backward_input_bf16(in, out, a.packed.data(), a.y.data(), a.dx.data(), kChunkSamples,
+                             kChunkSamples, a.x.data());
+}
+void backward_weights_bf16(int in, int out, LayerArrays& a) {
+  linear_backward_weights_bf16(in, out, a.y.data(), a.x.data(), kChunkSamples, kChunkSamples,
+                               a.dw.data(), nullptr);
+}
+
+KernelRun layer_run(int in, int out, int threads, Precision precision, LayerKernel kernel) {
   auto arrays = std::make_shared<std::vector<LayerArrays>>();
-  for (int i = 0; i < threads; ++i) arrays->emplace_back(in, out);
+  for (int i = 0; i < threads; ++i) {
+    arrays->emplace_back(in, out);
+    if (precision == Precision::kBf16)
+      pack_layer(in, out, arrays->back().w.data(), arrays->back().packed.data());
+  }
   const int64_t chunks = kLayerSamples / kChunkSamples;
   KernelRun run;
   run.work = 2.0 * in * out * static_cast<double>(chunks * kChunkSamples);
-  run.ceiling = fma_ceiling;
+  run.ceiling = precision == Precision::kBf16 ? bf16_ceiling : fma_ceiling;
   run.run = [=](ThreadPool& pool) {
     pool.parallel_for_thread(chunks, [&](int64_t, int thread) {
       kernel(in, out, (*arrays)[static_cast<size_t>(thread)]);
@@ -64,14 +86,18 @@ KernelRun layer_run(int in, int out, int threads, LayerKernel kernel) {
 // ReLU layers with a linear last one, on a tape as the model records it.
 class Network {
  public:
-  Network(const std::vector<int>& widths, int64_t samples, bool backward, int threads)
-      : samples_(samples), backward_(backward) {
+  Network(const std::vector<int>& widths, int64_t samples, bool backward, int threads,
+          Precision precision)
+      : samples_(samples), backward_(backward), precision_(precision) {
     size_t size = 0;
     for (size_t l = 0; l + 1 < widths.size(); ++l) {
       const LinearWeights w{size, widths[l], widths[l + 1]};
       size += w.size();
       layers_.push_back(w);
     }
+    std::vector<LinearWeights*> placed;
+    for (LinearWeights& w : layers_) placed.push_back(&w);
+    place_packs(placed);
     input_ = tape_.input(widths.front(), Domain::kSamples, backward);
     output_ = mlp(tape_, input_, layers_);
     tape_.plan();
@@ -103,6 +129,10 @@ class Network {
   }
 
   void run(ThreadPool& pool) {
+    if (precision_ == Precision::kBf16) {
+      pack_layers(layers_, weights_.data(), packed_, pool);
+      for (const auto& chunk : chunks_) chunk->packed = packed_.data();
+    }
     pool.parallel_for_thread(chunks_of(samples_), [&](int64_t c, int thread) {
       Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
       chunk.samples =
@@ -122,19 +152,22 @@ class Network {
 
   int64_t samples_;
   bool backward_;
+  Precision precision_;
   Tape tape_{kChunkSamples, kLane};
   std::vector<LinearWeights> layers_;
   Value input_ = 0, output_ = 0;
   AlignedArray<float> weights_, features_, d_features_, d_output_;
+  AlignedArray<uint16_t> packed_;
   std::vector<std::unique_ptr<Chunk>> chunks_;
   std::vector<AlignedArray<float>> gradients_;
 };
 
-KernelRun network_run(const std::vector<int>& widths, int64_t samples, bool backward, int threads) {
-  auto network = std::make_shared<Network>(widths, samples, backward, threads);
+KernelRun network_run(const std::vector<int>& widths, int64_t samples, bool backward, int threads,
+                      Precision precision) {
+  auto network = std::make_shared<Network>(widths, samples, backward, threads, precision);
   KernelRun run;
   run.work = network->flops();
-  run.ceiling = fma_ceiling;
+  run.ceiling = precision == Precision::kBf16 ? bf16_ceiling : fma_ceiling;
   run.run = [network](ThreadPool& pool) { network->run(pool); };
   return run;
 }
@@ -148,15 +181,21 @@ std::vector<KernelCase> network_cases() {
   } kLayers[] = {{32, 64}, {40, 64}, {64, 64}, {64, 16}, {64, 3}, {256, 256}};
   constexpr struct {
     const char* name;
-    LayerKernel kernel;
-  } kKernels[] = {{"forward", forward},
-                  {"backward input", backward_input},
-                  {"backward weights", backward_weights}};
+    LayerKernel kernel, kernel_bf16;
+  } kKernels[] = {{"forward", forward, forward_bf16},
+                  {"backward input", backward_input, backward_input_bf16},
+                  {"backward weights", backward_weights, backward_weights_bf16}};
   for (const auto& layer : kLayers)
-    for (const auto& k : kKernels)
-      cases.push_back(
-          {fmt::format("linear {}-{} {}", layer.in, layer.out, k.name), Unit::kFlops, kBoundFma,
-           [=](int threads) { return layer_run(layer.in, layer.out, threads, k.kernel); }});
+    for (const auto& k : kKernels) {
+      const auto make = [=](Precision precision) {
+        return [=](int threads) {
+          return layer_run(layer.in, layer.out, threads, precision,
+                           precision == Precision::kBf16 ? k.kernel_bf16 : k.kernel);
+        };
+      };
+      cases.push_back({fmt::format("linear {}-{} {}", layer.in, layer.out, k.name), Unit::kFlops,
+                       kBoundFma, make(Precision::kF32), make(Precision::kBf16)});
+    }
   const struct {
     const char* name;
     std::vector<int> widths;
@@ -165,13 +204,16 @@ std::vector<KernelCase> network_cases() {
                   {"32-64-64-64-3", {32, 64, 64, 64, 3}, 18},
                   {"63-256x8-4", {63, 256, 256, 256, 256, 256, 256, 256, 256, 4}, 14}};
   for (const auto& n : networks)
-    for (const bool backward : {false, true})
+    for (const bool backward : {false, true}) {
+      const auto make = [=](Precision precision) {
+        return [=](int threads) {
+          return network_run(n.widths, int64_t{1} << n.log2_samples, backward, threads, precision);
+        };
+      };
       cases.push_back({fmt::format("MLP {} forward{}, 2^{} samples", n.name,
                                    backward ? "+backward" : "", n.log2_samples),
-                       Unit::kFlops, kBoundFma, [=](int threads) {
-                         return network_run(n.widths, int64_t{1} << n.log2_samples, backward,
-                                            threads);
-                       }});
+                       Unit::kFlops, kBoundFma, make(Precision::kF32), make(Precision::kBf16)});
+    }
   return cases;
 }
 

@@ -30,6 +30,17 @@ function(nerf_add_kernels_layer layer)
     file(GLOB simd CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/*_simd.cc)
     set_source_files_properties(${simd} PROPERTIES COMPILE_OPTIONS
                                 "-march=x86-64-v3;-DHWY_DISABLE_PCLMUL_AES")
+    # Highway 1.0.3 only emulates bf16 products, and truncates: intrinsics, chosen by cpuid.
+    set(avx512 -march=x86-64-v4 -mavx512bf16)
+    if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+      # g++ 12 warns of its own header: the intrinsics begin with an undefined register on purpose.
+      list(APPEND avx512 -Wno-uninitialized -Wno-maybe-uninitialized)
+    endif()
+    set(amx ${avx512} -mamx-tile -mamx-bf16)
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/bf16_avx512.cc
+                                PROPERTIES COMPILE_OPTIONS "${avx512}")
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/bf16_amx.cc
+                                PROPERTIES COMPILE_OPTIONS "${amx}")
   endif()
 endfunction()
 

@@ -69,6 +69,37 @@ class Add : public Operation {
   }
 };
 
+class Multiply : public Operation {
+ public:
+  Multiply(Value a, Value b, Value y) : Operation({a, b}, y) {}
+  const char* name() const override { return "multiply"; }
+
+  void forward(Chunk& c) const override {
+    each_row(c, [&](int64_t at, int64_t n) {
+      const float *a = c.data(inputs()[0]) + at, *b = c.data(inputs()[1]) + at;
+      float* y = c.data(output()) + at;
+      for (int64_t i = 0; i < n; ++i) y[i] = a[i] * b[i];
+    });
+  }
+  void backward(Chunk& c) const override {
+    for (size_t k = 0; k < 2; ++k) {
+      if (!c.tape->needs_gradient(inputs()[k])) continue;
+      each_row(c, [&](int64_t at, int64_t n) {
+        const float *other = c.data(inputs()[1 - k]) + at, *dy = c.gradient(output()) + at;
+        float* dx = c.gradient(inputs()[k]) + at;
+        for (int64_t i = 0; i < n; ++i) dx[i] = (overwrites(k) ? 0 : dx[i]) + other[i] * dy[i];
+      });
+    }
+  }
+
+ private:
+  template <class Body>
+  void each_row(const Chunk& c, const Body& body) const {
+    for (int r = 0; r < c.tape->rows(output()); ++r)
+      body(r * c.stride(output()), round_up(c.count(output()), kLane));
+  }
+};
+
 class Slice : public Operation {
  public:
   Slice(Value x, Value y, int first) : Operation({x}, y), first_(first) {}
@@ -205,6 +236,15 @@ Value add(Tape& tape, Value a, Value b) {
   const Value from[] = {a, b};
   const Value y = tape.output(tape.rows(a), tape.domain(a), from);
   tape.record(std::make_unique<Add>(a, b, y));
+  return y;
+}
+
+Value multiply(Tape& tape, Value a, Value b) {
+  NERF_CHECK_EQ(tape.rows(a), tape.rows(b));
+  NERF_CHECK(tape.domain(a) == tape.domain(b));
+  const Value from[] = {a, b};
+  const Value y = tape.output(tape.rows(a), tape.domain(a), from);
+  tape.record(std::make_unique<Multiply>(a, b, y));
   return y;
 }
 

@@ -1,8 +1,9 @@
-#include <cstring>
+#include <algorithm>
 
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/elementwise.h"
+#include "nerf/kernels/linear_bf16.h"
 
 namespace nerf {
 namespace {
@@ -17,9 +18,13 @@ class Linear : public Operation {
 
   void forward(Chunk& c) const override {
     const Value x = inputs()[0];
-    linear_forward(w_.in, w_.out, c.weights + w_.offset,
-                   w_.bias ? c.weights + w_.bias_offset() : nullptr, c.data(x), c.data(output()),
-                   c.stride(x), c.count(x), activation_);
+    const float* bias = w_.bias ? c.weights + w_.bias_offset() : nullptr;
+    if (c.packed)
+      linear_forward_bf16(w_.in, w_.out, c.packed + w_.packed, bias, c.data(x), c.data(output()),
+                          c.stride(x), c.count(x), activation_);
+    else
+      linear_forward(w_.in, w_.out, c.weights + w_.offset, bias, c.data(x), c.data(output()),
+                     c.stride(x), c.count(x), activation_);
   }
 
   void backward(Chunk& c) const override {
@@ -30,22 +35,22 @@ class Linear : public Operation {
     if (activation_ == LinearActivation::kRelu && !masked_by_reader(c))
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
-    linear_backward_weights(w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset,
-                            w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr);
+    float* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;
+    (c.packed ? linear_backward_weights_bf16 : linear_backward_weights)(
+        w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset, dbias);
     if (!c.tape->needs_gradient(x)) return;
 
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
     const bool mask =
         maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
     const float* relu_output = mask ? c.data(x) : nullptr;
-    if (overwrites(0)) {
-      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, c.gradient(x), ld, n,
-                            relu_output);
-    } else {
-      float* dx = c.arena.data() + c.tape->scratch_offset();
+    float* dx = overwrites(0) ? c.gradient(x) : c.arena.data() + c.tape->scratch_offset();
+    if (c.packed)
+      linear_backward_input_bf16(w_.in, w_.out, c.packed + w_.packed, dy, dx, ld, n, relu_output);
+    else
       linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n, relu_output);
+    if (!overwrites(0))
       for (int r = 0; r < w_.in; ++r) add_to(n, dx + r * ld, c.gradient(x) + r * ld);
-    }
   }
 
  private:
@@ -58,6 +63,28 @@ class Linear : public Operation {
 };
 
 }  // namespace
+
+void place_packs(std::span<LinearWeights* const> layers) {
+  size_t at = 0;
+  for (LinearWeights* w : layers) {
+    w->packed = at;
+    at += static_cast<size_t>(packed_layer_size(w->in, w->out));
+  }
+}
+
+void pack_layers(std::span<const LinearWeights> layers, const float* weights,
+                 AlignedArray<uint16_t>& packed, ThreadPool& pool) {
+  if (packed.size() == 0) {
+    size_t size = 0;
+    for (const LinearWeights& w : layers)
+      size = std::max(size, w.packed + static_cast<size_t>(packed_layer_size(w.in, w.out)));
+    packed = AlignedArray<uint16_t>(size);
+  }
+  pool.parallel_for(static_cast<int64_t>(layers.size()), [&](int64_t i) {
+    const LinearWeights& w = layers[static_cast<size_t>(i)];
+    pack_layer(w.in, w.out, weights + w.offset, packed.data() + w.packed);
+  });
+}
 
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation) {
   NERF_CHECK_EQ(tape.rows(x), w.in);

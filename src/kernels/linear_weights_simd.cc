@@ -209,23 +209,26 @@ void backward_narrow_weights(int in, int out, const float* dy, const float* x, i
   }
 }
 
+void backward_bias(int out, const float* dy, int64_t ld, int64_t n, float* dbias) {
+  const D d;
+  const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
+  const int64_t end = round_up(n, kLane);
+  for (int j = 0; j < out; ++j) {
+    V sum = hn::Zero(d);
+    for (int64_t s = 0; s < end; s += lanes) sum = hn::Add(sum, hn::Load(d, dy + j * ld + s));
+    dbias[j] += hn::GetLane(hn::SumOfLanes(d, sum));
+  }
+}
+
 void backward_weights(int in, int out, const float* dy, const float* x, int64_t ld, int64_t n,
                       float* dw, float* dbias) {
   const int64_t ldw = weight_stride(in);
-  const D d;
-  const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
   const int64_t end = round_up(n, kLane);
   if (in >= kWide && out >= kWide)
     backward_wide_weights(in, out, dy, x, ld, end, dw, ldw);
   else
     backward_narrow_weights(in, out, dy, x, ld, end, dw, ldw);
-  if (dbias) {
-    for (int j = 0; j < out; ++j) {
-      V sum = hn::Zero(d);
-      for (int64_t s = 0; s < end; s += lanes) sum = hn::Add(sum, hn::Load(d, dy + j * ld + s));
-      dbias[j] += hn::GetLane(hn::SumOfLanes(d, sum));
-    }
-  }
+  if (dbias) backward_bias(out, dy, ld, n, dbias);
 }
 
 }  // namespace
@@ -235,8 +238,12 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace nerf {
+HWY_EXPORT(backward_bias);
 HWY_EXPORT(backward_weights);
 
+void linear_backward_bias(int out, const float* dy, int64_t ld, int64_t n, float* dbias) {
+  HWY_DYNAMIC_DISPATCH(backward_bias)(out, dy, ld, n, dbias);
+}
 void linear_backward_weights(int in, int out, const float* dy, const float* x, int64_t ld,
                              int64_t n, float* dw, float* dbias) {
   HWY_DYNAMIC_DISPATCH(backward_weights)(in, out, dy, x, ld, n, dw, dbias);

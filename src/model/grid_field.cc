@@ -70,6 +70,16 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
   colour_layers =
       place_layers(o.geometry_features + kSphericalHarmonics, o.hidden, o.colour_layers, 3, size);
   weights = AlignedArray<float>(size);
+  std::vector<LinearWeights*> all;
+  for (auto* layers : {&density_layers, &colour_layers})
+    for (LinearWeights& w : *layers) all.push_back(&w);
+  place_packs(all);
+}
+
+std::vector<LinearWeights> GridField::layers() const {
+  std::vector<LinearWeights> all = density_layers;
+  all.insert(all.end(), colour_layers.begin(), colour_layers.end());
+  return all;
 }
 
 void GridField::initialise(uint64_t seed) {

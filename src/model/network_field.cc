@@ -57,10 +57,10 @@ RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, boo
   return n;
 }
 
-template <class F>
-void each_layer(const RadianceNetwork& n, const F& f) {
-  for (const LinearWeights& w : n.trunk) f(w);
-  for (const LinearWeights* w : {&n.density, &n.bottleneck, &n.view, &n.colour})
+template <class Network, class F>
+void each_layer(Network& n, const F& f) {
+  for (auto& w : n.trunk) f(w);
+  for (auto* w : {&n.density, &n.bottleneck, &n.view, &n.colour})
     if (w->out > 0) f(*w);
 }
 
@@ -149,6 +149,10 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
     at = networks.back().end;
   }
   networks.push_back(place_network(o, o.depth, o.width, /*colour=*/true, at));
+  std::vector<LinearWeights*> layers;
+  for (RadianceNetwork& n : networks)
+    each_layer(n, [&](LinearWeights& w) { layers.push_back(&w); });
+  place_packs(layers);
   return networks;
 }
 
@@ -162,6 +166,13 @@ size_t NetworkField::parameters() const {
   size_t sum = 0;
   for (const RadianceNetwork& n : networks) sum += n.parameters();
   return sum;
+}
+
+std::vector<LinearWeights> NetworkField::layers() const {
+  std::vector<LinearWeights> all;
+  for (const RadianceNetwork& n : networks)
+    each_layer(n, [&](const LinearWeights& w) { all.push_back(w); });
+  return all;
 }
 
 void NetworkField::initialise(uint64_t seed) {

@@ -58,6 +58,13 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
   }
 }
 
+void NetworkLevels::use_packs(const uint16_t* packed) {
+  for (const auto& level : levels_) {
+    level->chunk.packed = packed;
+    if (level->probe_chunk) level->probe_chunk->packed = packed;
+  }
+}
+
 uint64_t NetworkLevels::memory_bytes(const NetworkOptions& options, int rays, bool training,
                                      const NetworkLosses& losses) {
   const std::vector<RadianceNetwork> networks = place_networks(options);

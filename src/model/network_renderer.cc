@@ -32,6 +32,9 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
   Frame frame{camera.width, camera.height, std::vector<float>(static_cast<size_t>(3 * pixels)),
               std::vector<float>(static_cast<size_t>(pixels)),
               std::vector<float>(static_cast<size_t>(pixels))};
+  AlignedArray<uint16_t> packed;
+  if (resolve_precision(options.precision) == Precision::kBf16)
+    pack_layers(field.layers(), field.weights.data(), packed, pool);
   // Where most samples are skipped more rays fill a chunk.
   const int per_chunk = NetworkLevels::rays_per_chunk(field.options) * (occupancy ? 4 : 1);
   std::vector<std::unique_ptr<NetworkLevels>> levels(static_cast<size_t>(pool.size()));
@@ -46,6 +49,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
     if (!own) {
       own = std::make_unique<NetworkLevels>(field, per_chunk);
       own->skip_empty(occupancy);
+      own->use_packs(packed.data());
     }
     int64_t asked = 0, coloured = 0, cast_rays = 0;
     std::vector<NetworkRay> rays;

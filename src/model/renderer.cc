@@ -42,8 +42,10 @@ std::optional<ObliqueBox> oblique_box(const Similarity& to_engine, const std::op
 // One thread's renderer of tiles.
 class TileRenderer {
  public:
-  TileRenderer(const GridField& field, const Camera& camera, const Pose& pose, double near,
-               const RenderOptions& options, const std::optional<ObliqueBox>& box)
+  // packed: of the field's networks, or null.
+  TileRenderer(const GridField& field, const uint16_t* packed, const Camera& camera,
+               const Pose& pose, double near, const RenderOptions& options,
+               const std::optional<ObliqueBox>& box)
       : field_(field),
         camera_(camera),
         pose_(pose),
@@ -55,6 +57,7 @@ class TileRenderer {
         shading_(tape_.tape),
         sampler_(field.occupancy, sampler_options(field, options), field.clip) {
     chunk_.weights = shading_.weights = field.weights.data();
+    chunk_.packed = shading_.packed = packed;
     t_.resize(kChunkSamples);
     ray_begin_.resize(kChunkRays + 1);
     shaded_begin_.resize(kChunkRays + 1);
@@ -292,6 +295,10 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   Frame frame{camera.width, camera.height, std::vector<float>(3 * pixels),
               std::vector<float>(pixels), std::vector<float>(pixels)};
 
+  AlignedArray<uint16_t> packed;
+  if (resolve_precision(options.precision) == Precision::kBf16)
+    pack_layers(field.layers(), field.weights.data(), packed, pool);
+
   constexpr int kTile = 16;  // neighbouring rays read neighbouring table rows
   const int columns = (camera.width + kTile - 1) / kTile;
   const int rows = (camera.height + kTile - 1) / kTile;
@@ -302,7 +309,8 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
     if (cancel && cancel->requested()) throw Cancelled();
     auto& renderer = renderers[static_cast<size_t>(thread)];
     if (!renderer)
-      renderer = std::make_unique<TileRenderer>(field, camera, pose, info.near, options, box);
+      renderer = std::make_unique<TileRenderer>(field, packed.data(), camera, pose, info.near,
+                                                options, box);
     const int x = static_cast<int>(tile % columns) * kTile;
     const int y = static_cast<int>(tile / columns) * kTile;
     renderer->render_tile(x, y, std::min(x + kTile, camera.width),

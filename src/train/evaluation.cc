@@ -109,6 +109,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   if (!options.pictures.empty()) make_writable_folder(options.pictures);
   RenderOptions render_options;
   render_options.background = evaluation_background(scene.alpha);
+  render_options.precision = options.precision;
   Evaluation result;
   std::set<std::string> used;
   for (size_t i = 0; i < views.size(); ++i) {

@@ -52,6 +52,13 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   corrections.resize(2 * kBiasCorrections);
   bias_corrections(AdamStep(), corrections.data());
   initialise();
+  pack();
+  for (const auto& chunk : workers) chunk->packed = packed.data();
+}
+
+void GridTrainer::pack() {
+  if (options.precision == Precision::kBf16)
+    pack_layers(field.layers(), field.weights.data(), packed, pool);
 }
 
 void GridTrainer::initialise() {
@@ -81,6 +88,7 @@ float GridTrainer::samples_per_cell_at(int64_t step) const {
 
 StepReport GridTrainer::step() {
   Lap lap;
+  pack();
   const uint64_t seed = options.seed ^ salt;
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
@@ -130,6 +138,7 @@ StepReport GridTrainer::step() {
                       static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
   samples_per_ray = done == 0 ? seen : 0.8 * samples_per_ray + 0.2 * seen;
   ++done;
+  pack();
   refresh_occupancy();
   lap.into(profile.occupancy);
   report.step = done;

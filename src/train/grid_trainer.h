@@ -44,6 +44,7 @@ struct GridTrainer final : TrainerImpl {
 
   float rate_at(int64_t step) const;
   float samples_per_cell_at(int64_t step) const;
+  void pack();
   void run_chunks();
   void scatter();
   void observe_samples();
@@ -56,6 +57,7 @@ struct GridTrainer final : TrainerImpl {
   void initialise();
 
   GridField field;
+  AlignedArray<uint16_t> packed;  // of its networks; options.precision kBf16 only
   OptimiserState optimiser;
   GridTape tape;
   std::vector<std::unique_ptr<Chunk>> workers;  // one per thread

@@ -23,11 +23,15 @@ uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
   constexpr uint64_t kFloat = sizeof(float);
   const uint64_t weights = place_networks(options.network).back().end;
   const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
+  uint64_t packs = 0;
+  for (const RadianceNetwork& n : place_networks(options.network))
+    packs += 2 * kFloat * (n.end - n.begin);  // twice in bf16, in whole blocks
   const int rays = std::min(NetworkLevels::rays_per_chunk(options.network), options.recipe.rays);
   const uint64_t worker =
       NetworkLevels::memory_bytes(options.network, rays, true, losses_of(options.recipe));
   // Weights, gradient and two moments; the same again while a checkpoint is read and a model saved.
-  return kFloat * weights * (4 + accumulators + 4) + static_cast<uint64_t>(threads) * worker +
+  return packs + kFloat * weights * (4 + accumulators + 4) +
+         static_cast<uint64_t>(threads) * worker +
          static_cast<uint64_t>(options.recipe.rays) * sizeof(NetworkRay);
 }
 
@@ -56,7 +60,7 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   const uint64_t colour_in = geometry + kSphericalHarmonics;
   const uint64_t weights = kFloat * (network_weights(features, hidden, density_layers, geometry) +
                                      network_weights(colour_in, hidden, colour_layers, 3));
-  const uint64_t field = table + occupancy + weights;
+  const uint64_t field = table + occupancy + 3 * weights;  // packed in bf16 too
 
   // Gradient and two moments of everything; flag and counter of a row.
   const uint64_t optimiser = 3 * (table + weights) + 3 * rows;

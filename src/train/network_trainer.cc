@@ -96,6 +96,13 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   sums.resize(accumulators.size());
   if (o.network.space == Space::kNdc) field.ndc = ndc_frame(s, p);
   field.initialise(options.seed ^ salt);
+  pack();
+  for (const auto& levels : workers) levels->use_packs(packed.data());
+}
+
+void NetworkTrainer::pack() {
+  if (options.precision == Precision::kBf16)
+    pack_layers(field.layers(), field.weights.data(), packed, pool);
 }
 
 // Exponential fall (bmild/nerf: rate 0.1^(t / decay); mip-NeRF: log-linear), after a warm-up along
@@ -229,6 +236,7 @@ void NetworkTrainer::clip_gradient() {
 
 StepReport NetworkTrainer::step() {
   Lap lap;
+  pack();
   draw_rays();
   lap.into(profile.rays);
   run_chunks();

@@ -29,6 +29,7 @@ struct NetworkTrainer final : TrainerImpl {
                   const internal::JsonFields& scalars) override;
 
   float rate_at(int64_t step) const;
+  void pack();
   void draw_rays();
   bool skipping() const;  // in the step to come
   void run_chunks();
@@ -37,6 +38,7 @@ struct NetworkTrainer final : TrainerImpl {
 
   NetworkField field;
   AlignedArray<float> gradient, m, v;
+  AlignedArray<uint16_t> packed;  // of the weights; options.precision kBf16 only
   int rays_per_chunk;
   std::vector<std::unique_ptr<NetworkLevels>> workers;  // one per thread
   std::vector<AlignedArray<float>> accumulators;

@@ -13,6 +13,7 @@ namespace {
 // A program may have filled the options in without any check; the arrays rely on their limits.
 TrainOptions validated(TrainOptions options) {
   validate_options(options, "TrainOptions");
+  options.precision = resolve_precision(options.precision);
   return options;
 }
 

@@ -68,8 +68,8 @@ TEST(App, LogGoesToStderr) {
 
 TEST(App, FirstLineNamesTargetThreadsAndPrecision) {
   const Outcome o = outcome([] {
-    log_machine("program", 2, "f32");
-    log_machine("program", 1, "f32");
+    log_machine("program", 2, Precision::kF32);
+    log_machine("program", 1, Precision::kF32);
     return 0;
   });
   EXPECT_EQ(o.err.rfind("program 0.", 0), 0u) << o.err;

@@ -8,6 +8,7 @@
 
 #include "nerf/base/threads.h"
 #include "nerf/io/image.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/math/camera_paths.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
@@ -85,7 +86,8 @@ TEST_F(NerfRender, TestViewsKeepTheirNames) {
   EXPECT_EQ(picture.channels, 3);
   const std::string first = result.lines().at(0);
   EXPECT_EQ(first.rfind("nerf_render 0.", 0), 0u) << first;
-  EXPECT_NE(first.find("f32"), std::string::npos) << first;
+  EXPECT_NE(first.find(precision_name(resolve_precision(Precision::kAuto))), std::string::npos)
+      << first;
   EXPECT_EQ(result.out, "");
 }
 

@@ -1,6 +1,7 @@
 // nerf_train as a user runs it: what it writes, how it stops and goes on.
 #include <csignal>
 
+#include "nerf/kernels/bf16.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/metrics.h"
@@ -21,7 +22,8 @@ TEST_F(NerfTrain, WritesWhatItPromises) {
   EXPECT_EQ(result.out, "");
   EXPECT_EQ(result.lines()[0].rfind("nerf_train ", 0), 0u);
   EXPECT_NE(result.lines()[0].find("thread"), std::string::npos);
-  EXPECT_NE(result.lines()[0].find("f32"), std::string::npos);
+  EXPECT_NE(result.lines()[0].find(precision_name(resolve_precision(Precision::kAuto))),
+            std::string::npos);
   EXPECT_EQ(result.err.find('\r'), std::string::npos);  // plain lines into a pipe
   for (const char* part : {"Blender", "8 registered of 8", "memory", "100%", "PSNR", "written to"})
     expect_line(result, part);

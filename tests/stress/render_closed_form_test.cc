@@ -82,6 +82,7 @@ void compare(const std::string& name, bool unbounded, int cascades, double densi
   RenderOptions options;
   options.unclipped = unclipped;
   options.unshaded = 0;
+  options.precision = Precision::kF32;  // whose roundings the tolerances are
   options.min_transmittance = 0;
   options.background = {0.1f, 0.9f, 0.3f};
   for (const Shot& shot : kShots) {

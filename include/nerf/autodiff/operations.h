@@ -5,6 +5,8 @@
 #include <span>
 
 #include "nerf/autodiff/tape.h"
+#include "nerf/base/aligned.h"
+#include "nerf/base/threads.h"
 #include "nerf/kernels/linear.h"
 
 namespace nerf {
@@ -15,6 +17,7 @@ struct LinearWeights {
   size_t offset = 0;
   int in = 0, out = 0;
   bool bias = false;
+  size_t packed = 0;  // where its bf16 pack begins, in elements (kernels/linear_bf16.h)
   size_t bias_offset() const {
     return offset + static_cast<size_t>(out) * static_cast<size_t>(weight_stride(in));
   }
@@ -26,6 +29,12 @@ struct LinearWeights {
     return static_cast<size_t>(out) * static_cast<size_t>(in + (bias ? 1 : 0));
   }
 };
+
+// Places the layers' packs one behind the other.
+void place_packs(std::span<LinearWeights* const> layers);
+// Packs the layers anew, for Chunk::packed. Allocates at the first call only.
+void pack_layers(std::span<const LinearWeights> layers, const float* weights,
+                 AlignedArray<uint16_t>& packed, ThreadPool& pool);
 
 // [in x n] -> [out x n]: act(W x + b).
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation);
@@ -51,6 +60,9 @@ Value relu(Tape& tape, Value x);
 
 // a + b, of the same shape.
 Value add(Tape& tape, Value a, Value b);
+
+// a b, element by element, of the same shape.
+Value multiply(Tape& tape, Value a, Value b);
 
 // factor x + shift.
 Value scale_shift(Tape& tape, Value x, float factor, float shift);

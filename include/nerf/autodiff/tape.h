@@ -33,7 +33,9 @@ struct Chunk {
 
   const Tape* tape;
   AlignedArray<float> arena;
-  const float* weights = nullptr;    // parameters of the model, read only
+  const float* weights = nullptr;  // parameters of the model, read only
+  // Packs of the linear layers' weights: their products are taken in bf16. Null: in f32.
+  const uint16_t* packed = nullptr;
   float* weight_gradient = nullptr;  // same layout, accumulated into
   int samples = 0, rays = 0;         // columns in use
   const int32_t* ray_begin =

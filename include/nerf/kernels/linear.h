@@ -31,6 +31,9 @@ void linear_backward_input(int in, int out, const float* w, const float* dy, flo
 void linear_backward_weights(int in, int out, const float* dy, const float* x, int64_t ld,
                              int64_t n, float* dw, float* dbias);
 
+// dbias[j] += sum_s dy[j][s].
+void linear_backward_bias(int out, const float* dy, int64_t ld, int64_t n, float* dbias);
+
 // dy[r][s] = 0 where y[r][s] == 0 (y the output of a ReLU), in place.
 void relu_backward(int rows, const float* y, float* dy, int64_t ld, int64_t n);
 

@@ -10,6 +10,10 @@ namespace nerf {
 // Returns the FLOPs done (two per multiply-add and lane); `sink` gets a value that depends on all.
 int64_t fma_loop(int64_t rounds, float* sink);
 
+// The same with the products of bf16_unit() (bf16.h), which must not be kNone; two FLOPs for each
+// pair of operands.
+int64_t bf16_loop(int64_t rounds, float* sink);
+
 // Sum of x, read in order. n is a multiple of kReadUnit, x aligned to 64 bytes.
 inline constexpr int64_t kReadUnit = 128;
 float read_loop(int64_t n, const float* x);

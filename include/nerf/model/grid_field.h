@@ -82,6 +82,7 @@ struct GridField {
   AlignedArray<float> table;  // shape.rows x kGridFeatures
   std::vector<LinearWeights> density_layers, colour_layers;
   AlignedArray<float> weights;  // of both networks
+  std::vector<LinearWeights> layers() const;
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
 

@@ -51,6 +51,7 @@ struct NetworkField {
     return nerf::network_of(options, networks, level);
   }
   size_t parameters() const;  // without padding
+  std::vector<LinearWeights> layers() const;
   // Random weights, keyed by the seed; biases 0.
   void initialise(uint64_t seed);
 };

@@ -36,6 +36,10 @@ class NetworkLevels {
   // with Cast::kPoint; must outlive this.
   void skip_empty(const internal::BakedOccupancy* occupancy) { occupancy_ = occupancy; }
 
+  // The networks' products in bf16, from these packs (autodiff's pack_layers), which must outlive
+  // this.
+  void use_packs(const uint16_t* packed);
+
   // How many rays a chunk of the cache's size has.
   static int rays_per_chunk(const NetworkOptions& options);
 

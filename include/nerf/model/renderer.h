@@ -8,6 +8,7 @@
 
 #include "nerf/base/cancel.h"
 #include "nerf/base/threads.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 
@@ -22,7 +23,8 @@ struct RenderOptions {
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
   float min_transmittance = 1e-6f;  // a ray stops where the cached density lets less through
   float unshaded = 1.0f / 1024;     // share of a pixel's light whose colour may be left out
-  float sample_factor = 1.5f;       // network samples of a ray, against those of the last steps
+  Precision precision = Precision::kAuto;  // of the networks' products
+  float sample_factor = 1.5f;  // network samples of a ray, against those of the last steps
 };
 
 // The work of a picture, the same for any number of threads.

@@ -21,6 +21,7 @@ namespace nerf {
 struct EvaluationOptions {
   int max_views = 0;               // 0: every held-out view; else at most so many, spread evenly
   std::filesystem::path pictures;  // folder for side-by-side pictures; empty: none are written
+  Precision precision = Precision::kAuto;  // of the networks' products
 };
 
 // As metrics.h defines them; no value where nothing counts (masked out, or too small a picture).

@@ -14,6 +14,7 @@
 #include "nerf/base/threads.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/network_options.h"
 #include "nerf/model/radiance_field.h"
@@ -30,13 +31,14 @@ std::vector<std::string> method_choices();  // of the table in methods.cc
 struct TrainOptions {
   std::string method = kGridMethod;  // see methods.h
   uint64_t seed = 1;
-  int64_t steps = 0;            // planned length: the rate falls over it
-  int batch_samples = 1 << 16;  // network samples of a step
-  double rate = 2e-2;           // of the tables, or of all networks
-  double network_rate = 1;      // of the networks, as a share of `rate`
-  double final_rate = 0.02;     // of the last step, as a share of `rate`
-  int warmup_steps = 64;        // over which the rate rises
-  double hold = 0.1;            // share of the steps before the rate begins to fall, linearly
+  int64_t steps = 0;                       // planned length: the rate falls over it
+  int batch_samples = 1 << 16;             // network samples of a step
+  double rate = 2e-2;                      // of the tables, or of all networks
+  Precision precision = Precision::kAuto;  // of the networks' products; a trainer resolves it
+  double network_rate = 1;                 // of the networks, as a share of `rate`
+  double final_rate = 0.02;                // of the last step, as a share of `rate`
+  int warmup_steps = 64;                   // over which the rate rises
+  double hold = 0.1;  // share of the steps before the rate begins to fall, linearly
   double huber_delta = 0.5;
   double network_l2 = 1e-6;
   double early_samples = 1.0 / 3;     // of the first steps, as a share of samples_per_cell
@@ -54,6 +56,9 @@ struct TrainOptions {
     v("steps", steps, "length of the training; the step size falls over it", at_least(0));
     v("batch_samples", batch_samples, "network samples of a step", at_least(960), at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
+    v("precision", precision,
+      "operands of the networks' products; bf16 is rounded, sums and weights stay f32; auto: bf16 "
+      "where the processor is faster with it");
     v("network_rate", network_rate, "step size of the networks, as a share of the tables'",
       above(0), at_most(10));
     v("final_rate", final_rate, "step size of the last step, as a share of the first", above(0),

@@ -9,42 +9,40 @@
 
 #include <cmath>
 #include <complex>
+#include <type_traits>
 
 namespace nerf::reference {
 
-// Value and derivative along one direction: forward-mode differentiation.
-struct Dual {
-  double value = 0, derivative = 0;
-  Dual() = default;
-  Dual(double v, double d = 0) : value(v), derivative(d) {}  // NOLINT: constants are scalars too
+// Value and derivative along one direction: forward-mode differentiation. On another scalar than
+// double it nests: TDual<std::complex<double>> with a step in the imaginary part is the derivative
+// of a derivative.
+template <class S>
+struct TDual {
+  S value{}, derivative{};
+  TDual() = default;
+  TDual(S v, S d = S(0)) : value(v), derivative(d) {}  // NOLINT: constants are scalars too
+  template <class Number>
+    requires(std::is_arithmetic_v<Number> && !std::is_same_v<Number, S>)
+  TDual(Number v) : value(static_cast<double>(v)), derivative(0.0) {}  // NOLINT: the same
+
+  friend TDual operator-(TDual a) { return {-a.value, -a.derivative}; }
+  friend TDual operator+(TDual a, TDual b) {
+    return {a.value + b.value, a.derivative + b.derivative};
+  }
+  friend TDual operator-(TDual a, TDual b) {
+    return {a.value - b.value, a.derivative - b.derivative};
+  }
+  friend TDual operator*(TDual a, TDual b) {
+    return {a.value * b.value, a.derivative * b.value + a.value * b.derivative};
+  }
+  friend TDual operator/(TDual a, TDual b) {
+    const S q = a.value / b.value;
+    return {q, (a.derivative - q * b.derivative) / b.value};
+  }
+  friend TDual& operator+=(TDual& a, TDual b) { return a = a + b; }
+  friend TDual& operator*=(TDual& a, TDual b) { return a = a * b; }
 };
-
-inline Dual operator-(Dual a) { return {-a.value, -a.derivative}; }
-inline Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.derivative + b.derivative}; }
-inline Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.derivative - b.derivative}; }
-inline Dual operator*(Dual a, Dual b) {
-  return {a.value * b.value, a.derivative * b.value + a.value * b.derivative};
-}
-inline Dual operator/(Dual a, Dual b) {
-  const double q = a.value / b.value;
-  return {q, (a.derivative - q * b.derivative) / b.value};
-}
-inline Dual& operator+=(Dual& a, Dual b) { return a = a + b; }
-inline Dual& operator*=(Dual& a, Dual b) { return a = a * b; }
-inline Dual exp(Dual x) {
-  const double e = std::exp(x.value);
-  return {e, e * x.derivative};
-}
-inline Dual expm1(Dual x) { return {std::expm1(x.value), std::exp(x.value) * x.derivative}; }
-inline Dual sqrt(Dual x) {
-  const double r = std::sqrt(x.value);
-  return {r, x.derivative / (2 * r)};
-}
-
-inline Dual log(Dual x) { return {std::log(x.value), x.derivative / x.value}; }
-inline Dual log1p(Dual x) { return {std::log1p(x.value), x.derivative / (1 + x.value)}; }
-inline Dual sin(Dual x) { return {std::sin(x.value), std::cos(x.value) * x.derivative}; }
-inline Dual cos(Dual x) { return {std::cos(x.value), -std::sin(x.value) * x.derivative}; }
+using Dual = TDual<double>;
 
 // exp(x) - 1 without cancellation; the standard library has none for complex numbers.
 inline float expm1(float x) { return std::expm1(x); }
@@ -64,15 +62,58 @@ inline std::complex<double> log1p(std::complex<double> z) {
           std::atan2(z.imag(), a)};
 }
 
+template <class S>
+TDual<S> exp(TDual<S> x) {
+  using std::exp;
+  const S e = exp(x.value);
+  return {e, e * x.derivative};
+}
+template <class S>
+TDual<S> expm1(TDual<S> x) {
+  using std::exp;
+  return {expm1(x.value), exp(x.value) * x.derivative};
+}
+template <class S>
+TDual<S> sqrt(TDual<S> x) {
+  using std::sqrt;
+  const S r = sqrt(x.value);
+  return {r, x.derivative / (S(2) * r)};
+}
+template <class S>
+TDual<S> log(TDual<S> x) {
+  using std::log;
+  return {log(x.value), x.derivative / x.value};
+}
+template <class S>
+TDual<S> log1p(TDual<S> x) {
+  return {log1p(x.value), x.derivative / (S(1) + x.value)};
+}
+template <class S>
+TDual<S> sin(TDual<S> x) {
+  using std::cos, std::sin;
+  return {sin(x.value), cos(x.value) * x.derivative};
+}
+template <class S>
+TDual<S> cos(TDual<S> x) {
+  using std::cos, std::sin;
+  return {cos(x.value), -sin(x.value) * x.derivative};
+}
+
 inline float real_part(float x) { return x; }
 inline double real_part(double x) { return x; }
 inline double real_part(std::complex<double> x) { return x.real(); }
-inline double real_part(Dual x) { return x.value; }
+template <class S>
+double real_part(TDual<S> x) {
+  return real_part(x.value);
+}
 
 // The same value as a constant: its derivative is 0.
 inline float stop_gradient(float x) { return x; }
 inline double stop_gradient(double x) { return x; }
 inline std::complex<double> stop_gradient(std::complex<double> x) { return {x.real(), 0}; }
-inline Dual stop_gradient(Dual x) { return {x.value}; }
+template <class S>
+TDual<S> stop_gradient(TDual<S> x) {
+  return {stop_gradient(x.value)};
+}
 
 }  // namespace nerf::reference

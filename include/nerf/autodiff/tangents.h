@@ -1,0 +1,34 @@
+// Derivatives of values along given directions, as values: for losses on a derivative, such as the
+// elastic loss on a warp's Jacobian (Park et al. 2021, section 3.3) or normals, the gradient of
+// density. They go forward through the same operations as the values they belong to, so that the
+// backward pass goes through both.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "nerf/autodiff/operations.h"
+
+namespace nerf {
+
+struct WithTangents {
+  Value value = 0;
+  std::vector<Value> tangents;  // d value / d direction, one for each direction; shaped as value
+};
+
+// The operations of operations.h; tangents are the exact derivatives. A ReLU's is 0 at 0.
+WithTangents linear(Tape& tape, const WithTangents& x, const LinearWeights& w,
+                    LinearActivation activation);
+WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> layers);
+WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b);
+WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows);
+WithTangents sigmoid(Tape& tape, const WithTangents& x);
+WithTangents softplus(Tape& tape, const WithTangents& x, float shift);
+WithTangents relu(Tape& tape, const WithTangents& x);
+WithTangents add(Tape& tape, const WithTangents& a, const WithTangents& b);
+WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b);
+WithTangents scale_shift(Tape& tape, const WithTangents& x, float factor, float shift);
+WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const float> weights,
+                                bool identity);
+
+}  // namespace nerf

@@ -1,0 +1,212 @@
+#include "nerf/autodiff/tangents.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "nerf/base/error.h"
+#include "nerf/kernels/elementwise.h"
+
+namespace nerf {
+namespace {
+
+// The tangent behind a ReLU: that before it where the ReLU's output is above 0.
+class Gate : public Operation {
+ public:
+  // `relu_output` gets no gradient: a step has none.
+  Gate(Value tangent, Value relu_output, Value y) : Operation({tangent}, y), open_(relu_output) {}
+  const char* name() const override { return "gate"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
+    for (int r = 0; r < c.tape->rows(output()); ++r) {
+      const float *x = c.data(inputs()[0]) + r * ld, *open = c.data(open_) + r * ld;
+      float* y = c.data(output()) + r * ld;
+      for (int64_t i = 0; i < n; ++i) y[i] = open[i] > 0 ? x[i] : 0;
+    }
+  }
+  void backward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
+    const bool overwrite = overwrites(0);
+    for (int r = 0; r < c.tape->rows(output()); ++r) {
+      const float *dy = c.gradient(output()) + r * ld, *open = c.data(open_) + r * ld;
+      float* dx = c.gradient(inputs()[0]) + r * ld;
+      for (int64_t i = 0; i < n; ++i) dx[i] = (overwrite ? 0 : dx[i]) + (open[i] > 0 ? dy[i] : 0);
+    }
+  }
+
+ private:
+  Value open_;
+};
+
+// The tangent of frequency features, from the features and the coordinates' tangent.
+class EncodingTangent : public Operation {
+ public:
+  EncodingTangent(Value features, Value tangent, Value y, int frequencies, bool identity)
+      : Operation({features, tangent}, y), frequencies_(frequencies), identity_(identity) {}
+  const char* name() const override { return "encoding_tangent"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
+    const float *features = c.data(inputs()[0]), *tangent = c.data(inputs()[1]);
+    float* y = c.data(output());
+    const int coordinates = c.tape->rows(inputs()[1]);
+    if (identity_)
+      for (int k = 0; k < coordinates; ++k) std::copy_n(tangent + k * ld, n, y + k * ld);
+    each_pair(coordinates, [&](int k, float frequency, int sine, int cosine) {
+      const float* t = tangent + k * ld;
+      const float *s = features + sine * ld, *co = features + cosine * ld;
+      for (int64_t i = 0; i < n; ++i) {
+        y[sine * ld + i] = frequency * co[i] * t[i];
+        y[cosine * ld + i] = -frequency * s[i] * t[i];
+      }
+    });
+  }
+
+  void backward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
+    const float *features = c.data(inputs()[0]), *tangent = c.data(inputs()[1]);
+    const float* dy = c.gradient(output());
+    float* d_features = cleared(c, 0);
+    float* d_tangent = cleared(c, 1);
+    const int coordinates = c.tape->rows(inputs()[1]);
+    if (identity_ && d_tangent)
+      for (int k = 0; k < coordinates; ++k) add_to(n, dy + k * ld, d_tangent + k * ld);
+    each_pair(coordinates, [&](int k, float frequency, int sine, int cosine) {
+      const float* t = tangent + k * ld;
+      const float *s = features + sine * ld, *co = features + cosine * ld;
+      const float *ds = dy + sine * ld, *dc = dy + cosine * ld;
+      for (int64_t i = 0; d_tangent && i < n; ++i)
+        d_tangent[k * ld + i] += frequency * (co[i] * ds[i] - s[i] * dc[i]);
+      for (int64_t i = 0; d_features && i < n; ++i) {
+        d_features[cosine * ld + i] += frequency * t[i] * ds[i];
+        d_features[sine * ld + i] -= frequency * t[i] * dc[i];
+      }
+    });
+  }
+
+ private:
+  // The gradient of an input, 0 where this operation is the first to add to it; null where it needs
+  // none.
+  float* cleared(Chunk& c, size_t input) const {
+    if (!c.tape->needs_gradient(inputs()[input])) return nullptr;
+    float* gradient = c.gradient(inputs()[input]);
+    if (overwrites(input))
+      for (int r = 0; r < c.tape->rows(inputs()[input]); ++r)
+        std::fill_n(gradient + r * c.stride(output()), round_up(c.count(output()), kLane), 0.0f);
+    return gradient;
+  }
+
+  // body(coordinate, frequency, rows of its sine and its cosine), in frequency_encoding()'s order.
+  template <class Body>
+  void each_pair(int coordinates, const Body& body) const {
+    const int first = identity_ ? coordinates : 0;
+    for (int f = 0; f < frequencies_; ++f)
+      for (int k = 0; k < coordinates; ++k)
+        body(k, std::ldexp(1.0f, f), first + 2 * f * coordinates + k,
+             first + (2 * f + 1) * coordinates + k);
+  }
+
+  int frequencies_;
+  bool identity_;
+};
+
+Value gate(Tape& tape, Value tangent, Value relu_output) {
+  const Value y = tape.output(tape.rows(tangent), tape.domain(tangent), {&tangent, 1});
+  tape.record(std::make_unique<Gate>(tangent, relu_output, y));
+  return y;
+}
+
+// f of each tangent.
+template <class F>
+std::vector<Value> of_each(const WithTangents& x, const F& f) {
+  std::vector<Value> out;
+  for (const Value t : x.tangents) out.push_back(f(t));
+  return out;
+}
+
+}  // namespace
+
+WithTangents linear(Tape& tape, const WithTangents& x, const LinearWeights& w,
+                    LinearActivation activation) {
+  LinearWeights product = w;
+  product.bias = false;
+  const Value y = linear(tape, x.value, w, activation);
+  return {y, of_each(x, [&](Value t) {
+            const Value along = linear(tape, t, product, LinearActivation::kNone);
+            return activation == LinearActivation::kRelu ? gate(tape, along, y) : along;
+          })};
+}
+
+WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> layers) {
+  for (size_t i = 0; i < layers.size(); ++i)
+    x = linear(tape, x, layers[i],
+               i + 1 < layers.size() ? LinearActivation::kRelu : LinearActivation::kNone);
+  return x;
+}
+
+WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b) {
+  NERF_CHECK_EQ(a.tangents.size(), b.tangents.size());
+  WithTangents y{concat(tape, a.value, b.value), {}};
+  for (size_t i = 0; i < a.tangents.size(); ++i)
+    y.tangents.push_back(concat(tape, a.tangents[i], b.tangents[i]));
+  return y;
+}
+
+WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows) {
+  return {slice(tape, x.value, first, rows),
+          of_each(x, [&](Value t) { return slice(tape, t, first, rows); })};
+}
+
+WithTangents sigmoid(Tape& tape, const WithTangents& x) {
+  const Value y = sigmoid(tape, x.value);
+  const Value slope = multiply(tape, y, scale_shift(tape, y, -1, 1));
+  return {y, of_each(x, [&](Value t) { return multiply(tape, slope, t); })};
+}
+
+WithTangents softplus(Tape& tape, const WithTangents& x, float shift) {
+  const Value slope = sigmoid(tape, scale_shift(tape, x.value, 1, shift));
+  return {softplus(tape, x.value, shift),
+          of_each(x, [&](Value t) { return multiply(tape, slope, t); })};
+}
+
+WithTangents relu(Tape& tape, const WithTangents& x) {
+  const Value y = relu(tape, x.value);
+  return {y, of_each(x, [&](Value t) { return gate(tape, t, y); })};
+}
+
+WithTangents add(Tape& tape, const WithTangents& a, const WithTangents& b) {
+  NERF_CHECK_EQ(a.tangents.size(), b.tangents.size());
+  WithTangents y{add(tape, a.value, b.value), {}};
+  for (size_t i = 0; i < a.tangents.size(); ++i)
+    y.tangents.push_back(add(tape, a.tangents[i], b.tangents[i]));
+  return y;
+}
+
+WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b) {
+  NERF_CHECK_EQ(a.tangents.size(), b.tangents.size());
+  WithTangents y{multiply(tape, a.value, b.value), {}};
+  for (size_t i = 0; i < a.tangents.size(); ++i)
+    y.tangents.push_back(
+        add(tape, multiply(tape, a.tangents[i], b.value), multiply(tape, a.value, b.tangents[i])));
+  return y;
+}
+
+WithTangents scale_shift(Tape& tape, const WithTangents& x, float factor, float shift) {
+  return {scale_shift(tape, x.value, factor, shift),
+          of_each(x, [&](Value t) { return scale_shift(tape, t, factor, 0); })};
+}
+
+WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const float> weights,
+                                bool identity) {
+  const Value y = frequency_encoding(tape, x.value, weights, identity);
+  const int frequencies = static_cast<int>(weights.size());
+  return {y, of_each(x, [&](Value t) {
+            const Value from[] = {y, t};
+            const Value out = tape.output(tape.rows(y), tape.domain(y), from);
+            tape.record(std::make_unique<EncodingTangent>(y, t, out, frequencies, identity));
+            return out;
+          })};
+}
+
+}  // namespace nerf

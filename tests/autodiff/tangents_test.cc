@@ -1,0 +1,146 @@
+// Derivatives of derivatives: tangents against dual numbers, and their gradients against dual
+// numbers over complex ones with an imaginary step.
+#include "nerf/autodiff/tangents.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "autodiff/reference_ops.h"
+
+namespace nerf {
+namespace {
+
+using enum Domain;
+using Values = std::vector<Value>;
+template <class T>
+using TDual = reference::TDual<T>;
+
+// The columns with a derivative along one direction.
+template <class T>
+Columns<TDual<T>> dual(const Columns<T>& x, const Columns<T>& tangent) {
+  Columns<TDual<T>> out;
+  for (size_t s = 0; s < x.size(); ++s) {
+    out.emplace_back();
+    for (size_t r = 0; r < x[s].size(); ++r) out.back().push_back({x[s][r], tangent[s][r]});
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> part(const Columns<TDual<T>>& x, T TDual<T>::* which) {
+  Columns<T> out;
+  for (const auto& column : x) {
+    out.emplace_back();
+    for (const TDual<T>& v : column) out.back().push_back(v.*which);
+  }
+  return out;
+}
+
+template <class T>
+std::vector<TDual<T>> constants(const std::vector<T>& weights) {
+  return {weights.begin(), weights.end()};
+}
+
+// `record` and `f` are the same function of x (the first input) on a tape and on dual numbers; the
+// other inputs are the directions. Outputs: the value, then its tangents.
+template <class Record, class F>
+void check_tangents(const std::string& name, int rows, double range,
+                    const std::vector<LinearWeights>& layers, const Record& record, const F& f,
+                    double roundings) {
+  for (const int directions : {1, 3})
+    for (int needs = 1; needs < 4; ++needs) {  // which of x and the directions need a gradient
+      std::vector<TestInput> inputs = {{rows, kSamples, (needs & 1) != 0, -range, range}};
+      for (int i = 0; i < directions; ++i) inputs.push_back({rows, kSamples, (needs & 2) != 0});
+      check_operation(
+          {name, inputs, layers,
+           [=](Tape& t, const Values& v) {
+             const WithTangents y = record(t, WithTangents{v[0], Values(v.begin() + 1, v.end())});
+             Values out{y.value};
+             out.insert(out.end(), y.tangents.begin(), y.tangents.end());
+             // Where nothing leads to a gradient there is none to ask for.
+             return out;
+           },
+           roundings},
+          [=]<class T>(const Given<T>& v) -> Outputs<T> {
+            Outputs<T> out;
+            for (int i = 0; i < directions; ++i) {
+              const auto y = f(dual(v[0], v[1 + static_cast<size_t>(i)]), constants(v.weights));
+              if (i == 0) out.push_back(part(y, &TDual<T>::value));
+              out.push_back(part(y, &TDual<T>::derivative));
+            }
+            return out;
+          });
+    }
+}
+
+TEST(Tangents, OfActivations) {
+  check_tangents(
+      "tangent_sigmoid", 2, 4, {}, [](Tape& t, const WithTangents& x) { return sigmoid(t, x); },
+      [](const auto& x, const auto&) { return on_columns::sigmoid(x); }, 100);
+  check_tangents(
+      "tangent_softplus", 2, 20, {},
+      [](Tape& t, const WithTangents& x) { return softplus(t, x, -1); },
+      [](const auto& x, const auto&) { return on_columns::softplus(x, -1.0); }, 120);
+  check_tangents(
+      "tangent_relu", 2, 1, {}, [](Tape& t, const WithTangents& x) { return relu(t, x); },
+      [](const auto& x, const auto&) { return on_columns::relu(x); }, 10);
+}
+
+TEST(Tangents, OfProductsAndSums) {
+  check_tangents(
+      "tangent_product", 4, 2, {},
+      [](Tape& t, const WithTangents& x) {
+        const WithTangents a = slice(t, x, 0, 2), b = slice(t, x, 2, 2);
+        return concat(t, multiply(t, a, b), add(t, scale_shift(t, a, -1.5f, 0.25f), b));
+      },
+      []<class D>(const Columns<D>& x, const std::vector<D>&) {
+        Columns<D> out;
+        for (const auto& c : x)
+          out.push_back({c[0] * c[2], c[1] * c[3], D(-1.5) * c[0] + D(0.25) + c[2],
+                         D(-1.5) * c[1] + D(0.25) + c[3]});
+        return out;
+      },
+      20);
+}
+
+TEST(Tangents, OfEncodings) {
+  static const std::vector<double> weights{1, 1, 0.75, 0.25};
+  static const std::vector<float> as_float(weights.begin(), weights.end());
+  for (const bool identity : {false, true})
+    check_tangents(
+        "tangent_encoding", 3, 2, {},
+        [=](Tape& t, const WithTangents& x) {
+          return frequency_encoding(t, x, as_float, identity);
+        },
+        [=](const auto& x, const auto&) {
+          return on_columns::frequency_encoding(x, weights, identity);
+        },
+        100);
+}
+
+// The gradient of density, as a loss on normals sees it: encoding, layers with biases, softplus.
+TEST(Tangents, OfAWholeField) {
+  static const std::vector<double> weights{1, 1};
+  static const std::vector<float> as_float{1, 1};
+  static const LinearWeights a{0, 15, 18, true}, b{a.size(), 18, 17, true},
+      c{a.size() + b.size(), 17, 1, true};
+  check_tangents(
+      "tangent_field", 3, 1, {a, b, c},
+      [](Tape& t, const WithTangents& x) {
+        WithTangents h = frequency_encoding(t, x, as_float, true);
+        h = linear(t, h, a, LinearActivation::kRelu);
+        h = linear(t, h, b, LinearActivation::kRelu);
+        return softplus(t, linear(t, h, c, LinearActivation::kNone), -1);
+      },
+      [](const auto& x, const auto& w) {
+        auto h = on_columns::frequency_encoding(x, weights, true);
+        h = on_columns::linear(h, w, a, true);
+        h = on_columns::linear(h, w, b, true);
+        return on_columns::softplus(on_columns::linear(h, w, c, false), -1.0);
+      },
+      260);
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,321 @@
+#include "nerf/kernels/linear_bf16.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "math/worst_error.h"
+#include "nerf/base/error.h"
+#include "nerf/kernels/bf16.h"
+#include "nerf/math/reference/bf16.h"
+#include "nerf/math/reference/linear.h"
+
+namespace nerf {
+namespace {
+
+using Floats = std::vector<float>;
+
+// Runs `body(unit)` on every bf16 unit of this processor; skips the test where it has none.
+template <class Body>
+void for_each_unit(const Body& body) {
+  if (bf16_unit() == Bf16Unit::kNone) GTEST_SKIP() << "no bf16 products on this processor";
+  struct Restore {
+    Bf16Unit before = bf16_unit();
+    ~Restore() { force_bf16_unit(before); }
+  } restore;
+  for (const Bf16Unit unit : bf16_units()) {
+    SCOPED_TRACE(bf16_unit_name(unit));
+    force_bf16_unit(unit);
+    body(unit);
+  }
+}
+
+struct Shape {
+  int in, out;
+  int64_t n;
+};
+
+std::vector<Shape> shapes() {
+  std::vector<Shape> all;
+  for (int in : kWidths)
+    for (int out : kWidths)
+      for (int64_t n : kCounts) all.push_back({in, out, n});
+  // Wider than a strip of columns, deeper than what is summed at a time.
+  for (const Shape s : {Shape{96, 130, 33},
+                        {319, 97, 113},
+                        {300, 20, 257},
+                        {17, 300, 600},
+                        {33, 7, 513},
+                        {1024, 40, 16}})
+    all.push_back(s);
+  return all;
+}
+
+float dot(Bf16Unit unit, const Floats& a, const Floats& b, float sum = 0) {
+  Floats left = a, right = b;
+  if (left.size() % 2) left.push_back(0), right.push_back(0);
+  for (Floats* v : {&left, &right})
+    for (float& x : *v) x = reference::nearest_bf16(x);
+  return unit == Bf16Unit::kAmx ? reference::dot_amx_bf16(left, right, sum)
+                                : reference::dot_avx512_bf16(left, right, sum);
+}
+
+struct Layer {
+  Layer(const Shape& s, Random& random)
+      : in(s.in),
+        out(s.out),
+        w(static_cast<size_t>(out * weight_stride(in))),
+        bias(static_cast<size_t>(round_up(out, kLane))),
+        packed(static_cast<size_t>(packed_layer_size(in, out))) {
+    for (int j = 0; j < out; ++j)
+      for (int k = 0; k < in; ++k) at(j, k) = uniform(random, -1, 1);
+    for (int j = 0; j < out; ++j) bias[static_cast<size_t>(j)] = uniform(random, -1, 1);
+    pack_layer(in, out, w.data(), packed.data());
+  }
+  float& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+  Floats row(int j) const {
+    const float* from = w.data() + j * weight_stride(in);
+    return {from, from + in};
+  }
+  Floats column(int k) const {
+    Floats c;
+    for (int j = 0; j < out; ++j) c.push_back(w[static_cast<size_t>(j * weight_stride(in) + k)]);
+    return c;
+  }
+  int in, out;
+  AlignedArray<float> w, bias;
+  AlignedArray<uint16_t> packed;
+};
+
+Floats column_of(const Matrix& m, int64_t s) {
+  Floats c;
+  for (int r = 0; r < m.rows; ++r) c.push_back(m.at(r, s));
+  return c;
+}
+
+std::string name(const Shape& s) {
+  return "in " + std::to_string(s.in) + " out " + std::to_string(s.out) + " n " +
+         std::to_string(s.n);
+}
+
+TEST(Bf16, RoundsToTheNearestNumber) {
+  std::vector<float> x = {0.0f,
+                          -0.0f,
+                          1,
+                          -1,
+                          1 + 0x1p-8f,         // a tie, to the even 1
+                          1 + 0x1.8p-7f,       // a tie, up to the even 1 + 2^-6
+                          1 + 0x1.00002p-8f,   // just above the tie
+                          1 + 0x1.fffffcp-9f,  // just below
+                          0x1.fffffep127f,     // rounds beyond the largest
+                          -0x1.fefffep127f,    // to the largest
+                          0x1p-126f,
+                          0x1.fffffcp-127f,  // below the normal numbers
+                          std::numeric_limits<float>::denorm_min(),
+                          std::numeric_limits<float>::infinity(),
+                          -std::numeric_limits<float>::infinity()};
+  Random random(3, 0, 0);
+  for (int i = 0; i < 100000; ++i) {
+    const float v = std::bit_cast<float>(static_cast<uint32_t>(random.below(uint64_t{1} << 32)));
+    if (!std::isnan(v)) x.push_back(v);
+  }
+  std::vector<uint16_t> rounded(x.size());
+  std::vector<float> back(x.size());
+  round_to_bf16(static_cast<int64_t>(x.size()), x.data(), rounded.data());
+  widen_bf16(static_cast<int64_t>(x.size()), rounded.data(), back.data());
+  for (size_t i = 0; i < x.size(); ++i)
+    ASSERT_EQ(std::bit_cast<uint32_t>(back[i]),
+              std::bit_cast<uint32_t>(reference::nearest_bf16(x[i])))
+        << std::hexfloat << x[i] << " became " << back[i];
+  const float nan = std::bit_cast<float>(0x7f800001u);  // its upper half alone is an infinity
+  uint16_t half;
+  round_to_bf16(1, &nan, &half);
+  float again;
+  widen_bf16(1, &half, &again);
+  EXPECT_TRUE(std::isnan(again));
+}
+
+// Bit for bit in the unit's own order; rows beyond the depth and columns in the padding count for
+// nothing.
+TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
+  for_each_unit([&](Bf16Unit unit) {
+    Random random(21, 0, 0);
+    for (const Shape& shape : shapes()) {
+      SCOPED_TRACE(name(shape));
+      const Layer layer(shape, random);
+      const Matrix x(shape.in, shape.n, random, -1, 1);
+      for (const bool relu : {false, true})
+        for (const bool with_bias : {false, true}) {
+          Matrix y(shape.out, shape.n);
+          linear_forward_bf16(shape.in, shape.out, layer.packed.data(),
+                              with_bias ? layer.bias.data() : nullptr, x.data.data(), y.data.data(),
+                              x.ld, shape.n,
+                              relu ? LinearActivation::kRelu : LinearActivation::kNone);
+          for (int64_t s = 0; s < shape.n; ++s) {
+            const Floats column = column_of(x, s);
+            for (int j = 0; j < shape.out; ++j) {
+              float want = dot(unit, layer.row(j), column);
+              if (with_bias) want += layer.bias[static_cast<size_t>(j)];
+              ASSERT_EQ(y.at(j, s), relu ? std::max(want, 0.0f) : want) << j << ' ' << s;
+            }
+          }
+          for (int j = 0; j < shape.out; ++j)
+            for (int64_t s = shape.n; s < y.padded; ++s) ASSERT_TRUE(std::isfinite(y.at(j, s)));
+          y.expect_untouched_beyond_padding();
+        }
+    }
+  });
+}
+
+TEST(LinearBf16, BackwardInputIsTheTemplateOfTheUnit) {
+  for_each_unit([&](Bf16Unit unit) {
+    Random random(22, 0, 0);
+    for (const Shape& shape : shapes()) {
+      SCOPED_TRACE(name(shape));
+      const Layer layer(shape, random);
+      const Matrix dy(shape.out, shape.n, random, -1, 1, Matrix::Padding::kZero);
+      Matrix relu_output(shape.in, shape.n, random, -1, 1);
+      for (float& v : relu_output.data) v = std::max(v, 0.0f);
+      for (const bool masked : {false, true}) {
+        Matrix dx(shape.in, shape.n);
+        linear_backward_input_bf16(shape.in, shape.out, layer.packed.data(), dy.data.data(),
+                                   dx.data.data(), dx.ld, shape.n,
+                                   masked ? relu_output.data.data() : nullptr);
+        for (int64_t s = 0; s < shape.n; ++s) {
+          const Floats column = column_of(dy, s);
+          for (int k = 0; k < shape.in; ++k) {
+            const bool open = !masked || relu_output.at(k, s) > 0;
+            ASSERT_EQ(dx.at(k, s), open ? dot(unit, layer.column(k), column) : 0) << k << ' ' << s;
+          }
+        }
+        for (int k = 0; k < shape.in; ++k)
+          for (int64_t s = shape.n; s < dx.padded; ++s) ASSERT_EQ(dx.at(k, s), 0) << "padding";
+        dx.expect_untouched_beyond_padding();
+      }
+    }
+  });
+}
+
+TEST(LinearBf16, BackwardWeightsIsTheTemplateOfTheUnit) {
+  for_each_unit([&](Bf16Unit unit) {
+    const size_t part =
+        unit == Bf16Unit::kAmx ? reference::kAmxBf16Samples : reference::kAvx512Bf16Samples;
+    Random random(23, 0, 0);
+    for (const Shape& shape : shapes()) {
+      SCOPED_TRACE(name(shape));
+      const Matrix x(shape.in, shape.n, random, -1, 1);
+      const Matrix dy(shape.out, shape.n, random, -1, 1, Matrix::Padding::kZero);
+      const Layer start(shape, random);
+      AlignedArray<float> dw = start.w, dbias = start.bias;
+      linear_backward_weights_bf16(shape.in, shape.out, dy.data.data(), x.data.data(), dy.ld,
+                                   shape.n, dw.data(), dbias.data());
+      const auto samples = [&](const Matrix& m, int row, size_t from) {
+        const size_t end = std::min(from + part, static_cast<size_t>(m.n));
+        const float* data = m.data.data() + row * m.ld;
+        return Floats(data + from, data + end);
+      };
+      for (int j = 0; j < shape.out; ++j) {
+        for (int k = 0; k < shape.in; ++k) {
+          float want = start.row(j)[static_cast<size_t>(k)];
+          for (size_t s = 0; s < static_cast<size_t>(shape.n); s += part)
+            want += dot(unit, samples(dy, j, s), samples(x, k, s));
+          ASSERT_EQ(dw[static_cast<size_t>(j * weight_stride(shape.in) + k)], want)
+              << j << ' ' << k;
+        }
+        for (int64_t k = shape.in; k < weight_stride(shape.in); ++k)
+          ASSERT_EQ(dw[static_cast<size_t>(j * weight_stride(shape.in) + k)], 0) << "padding";
+        double sum = static_cast<double>(start.bias[static_cast<size_t>(j)]), size = std::fabs(sum);
+        for (int64_t s = 0; s < shape.n; ++s) {
+          sum += static_cast<double>(dy.at(j, s));
+          size += std::fabs(static_cast<double>(dy.at(j, s)));
+        }
+        ASSERT_NEAR(static_cast<double>(dbias[static_cast<size_t>(j)]), sum,
+                    rounding_bound(static_cast<double>(shape.n + 1)) * size);
+      }
+    }
+  });
+}
+
+// How far operands of 8 bits and sums of 24 are from the exact product: each operand is wrong by at
+// most 2^-8 of it (half a unit in the last of 8 bits, whose unit is at most 2^-7 of the number).
+TEST(LinearBf16, IsWithinTheRoundingOfItsOperandsOfTheExactLayer) {
+  WorstError worst("bf16 forward");
+  for_each_unit([&](Bf16Unit) {
+    Random random(24, 0, 0);
+    for (const Shape& shape : {Shape{64, 64, 240}, {256, 256, 48}}) {
+      const Layer layer(shape, random);
+      const Matrix x(shape.in, shape.n, random, -1, 1);
+      Matrix y(shape.out, shape.n);
+      linear_forward_bf16(shape.in, shape.out, layer.packed.data(), nullptr, x.data.data(),
+                          y.data.data(), x.ld, shape.n, LinearActivation::kNone);
+      const double bound = (1 + 0x1p-8) * (1 + 0x1p-8) - 1 + rounding_bound(shape.in);
+      for (int64_t s = 0; s < shape.n; ++s)
+        for (int j = 0; j < shape.out; ++j) {
+          double exact = 0, size = 0;
+          const Floats row = layer.row(j);
+          for (int k = 0; k < shape.in; ++k) {
+            const double p =
+                static_cast<double>(row[static_cast<size_t>(k)]) * static_cast<double>(x.at(k, s));
+            exact += p;
+            size += std::fabs(p);
+          }
+          worst.compare(y.at(j, s), exact, bound * size, "in", shape.in, "out", shape.out, "row", j,
+                        "sample", s);
+        }
+    }
+  });
+  worst.report();
+}
+
+// Infinite and undefined numbers are not lost on the way.
+TEST(LinearBf16, NonFiniteNumbersStaySo) {
+  for_each_unit([&](Bf16Unit) {
+    const Shape shape{16, 16, 16};
+    Random random(25, 0, 0);
+    const Layer layer(shape, random);
+    for (const float bad : {std::numeric_limits<float>::infinity(),
+                            std::numeric_limits<float>::quiet_NaN(), 3.4e38f}) {
+      Matrix x(16, 16, random, 0.5, 1), y(16, 16);
+      x.at(3, 5) = bad;
+      linear_forward_bf16(16, 16, layer.packed.data(), nullptr, x.data.data(), y.data.data(), x.ld,
+                          16, LinearActivation::kNone);
+      for (int j = 0; j < 16; ++j)
+        for (int64_t s = 0; s < 16; ++s)
+          EXPECT_EQ(std::isfinite(y.at(j, s)), s != 5) << j << ' ' << s;
+    }
+  });
+}
+
+TEST(Bf16, UnitsHaveNamesAndNeedTheirTarget) {
+  const Bf16Unit before = bf16_unit();
+  for (const Bf16Unit unit : bf16_units()) {
+    EXPECT_NE(bf16_unit_name(unit), "none");
+    force_bf16_unit(unit);
+    EXPECT_EQ(bf16_unit(), unit);
+    EXPECT_EQ(precision_name(Precision::kBf16), "bf16 (" + bf16_unit_name(unit) + ")");
+  }
+  force_bf16_unit(before);
+  EXPECT_EQ(resolve_precision(Precision::kF32), Precision::kF32);
+  EXPECT_NE(resolve_precision(Precision::kAuto), Precision::kAuto);
+  for (const std::string& target : simd_targets()) {
+    if (target == "AVX3") continue;
+    force_simd_target(target);
+    EXPECT_EQ(bf16_unit(), Bf16Unit::kNone) << target;
+    EXPECT_EQ(resolve_precision(Precision::kAuto), Precision::kF32);
+    try {
+      resolve_precision(Precision::kBf16);
+      ADD_FAILURE() << "bf16 on " << target;
+    } catch (const Error& e) {
+      EXPECT_NE(std::string(e.what()).find(target), std::string::npos) << e.what();
+    }
+  }
+  force_simd_target("");
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,109 @@
+// Training and rendering in bf16 beside f32.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "nerf/train/evaluation.h"
+#include "nerf/train/methods.h"
+#include "support/network_options.h"
+#include "support/synthetic_scene.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::bits_of;
+using test::error_of;
+
+struct Trained {
+  Trained(const test::SyntheticCapture& c, TrainOptions options, Precision precision)
+      : capture(c), trainer(c.scene, c.photos, with(options, precision), pool) {
+    trainer.run([&](const StepReport& r) {
+      EXPECT_TRUE(std::isfinite(r.loss)) << r.step;
+      return true;
+    });
+  }
+  static TrainOptions with(TrainOptions o, Precision p) {
+    o.precision = p;
+    return o;
+  }
+  double psnr(Precision p) {
+    EvaluationOptions o;
+    o.precision = p;
+    return evaluate(trainer.snapshot(), capture.scene, capture.photos, o, pool).psnr;
+  }
+  const test::SyntheticCapture& capture;
+  ThreadPool pool{2};
+  Trainer trainer;
+};
+
+class InBothPrecisions : public ::testing::TestWithParam<std::string> {
+ protected:
+  void SetUp() override {
+    if (bf16_unit() == Bf16Unit::kNone) GTEST_SKIP() << "no bf16 products on this processor";
+  }
+  static TrainOptions options(int64_t steps) {
+    TrainOptions o = GetParam() == kGridMethod ? test::tiny_options(steps)
+                                               : method_options(GetParam(), Scale::kTiny);
+    o.steps = steps;
+    if (GetParam() == kGridMethod) return o;
+    o.rate = 5e-3;
+    o.warmup_steps = 8;
+    o.network.depth = o.network.proposal_depth = 3;
+    o.network.width = o.network.proposal_width = o.network.bottleneck = 32;
+    o.network.view_width = 16;
+    o.network.position_degrees = 4;
+    o.network.sampling.coarse = o.network.sampling.fine = 16;
+    o.recipe.rays = 96;
+    o.recipe.crop_steps = 3;
+    return o;
+  }
+};
+
+// Hundreds of steps: rounding does not add up. Of six seeds the f32 trainings of this length end
+// 1.2 dB (grid) and 2.8 dB (nerf) apart, the two precisions of one seed at most 0.15 and 0.41 dB,
+// 0.03 and 0.01 dB in the mean. Of one model the pictures in both precisions differ by roundings of
+// 2^-9 through a few layers.
+TEST_P(InBothPrecisions, TrainingsEndAlike) {
+  const auto c = test::sphere_capture(24, 32);
+  Trained single(c, options(600), Precision::kF32), half(c, options(600), Precision::kBf16);
+  EXPECT_NE(bits_of(single.trainer), bits_of(half.trainer));
+  const double a = single.psnr(Precision::kF32), b = half.psnr(Precision::kBf16);
+  RecordProperty("f32", std::to_string(a));
+  RecordProperty("bf16", std::to_string(b));
+  EXPECT_GT(a, 18);
+  EXPECT_NEAR(a, b, 0.6);
+  EXPECT_NEAR(a, single.psnr(Precision::kBf16), 0.05);
+  EXPECT_NE(a, single.psnr(Precision::kBf16));
+}
+
+TEST_P(InBothPrecisions, ThreadsChangeNothing) {
+  const auto c = test::sphere_capture();
+  for (const Precision p : {Precision::kF32, Precision::kBf16}) {
+    const auto bits = [&](int threads) {
+      ThreadPool pool(threads);
+      Trainer trainer(c.scene, c.photos, Trained::with(options(40), p), pool);
+      for (int i = 0; i < 24; ++i) trainer.step();
+      return bits_of(trainer);
+    };
+    EXPECT_EQ(bits(1), bits(2)) << precision_name(p);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, InBothPrecisions, ::testing::Values("grid", "nerf"));
+
+TEST(Precision, TrainerNamesWhatItResolved) {
+  const auto c = test::sphere_capture();
+  ThreadPool pool(1);
+  TrainOptions o = test::tiny_options(1);
+  EXPECT_EQ(o.precision, Precision::kAuto);
+  EXPECT_EQ(Trainer(c.scene, c.photos, o, pool).options().precision,
+            resolve_precision(Precision::kAuto));
+  if (bf16_unit() != Bf16Unit::kNone) return;
+  o.precision = Precision::kBf16;
+  EXPECT_TRUE(
+      test::contains(error_of([&] { Trainer t(c.scene, c.photos, o, pool); }), "--precision"));
+}
+
+}  // namespace
+}  // namespace nerf
