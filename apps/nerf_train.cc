@@ -9,6 +9,7 @@
 #include "nerf/base/memory.h"
 #include "nerf/base/progress.h"
 #include "nerf/base/threads.h"
+#include "nerf/io/photo_scales.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
 #include "nerf/model/options_json.h"
@@ -64,6 +65,9 @@ Scene read_scene(const TrainCommand& command, const ThreadPool& pool, const Sign
   };
   Scene scene = load_scene(command.scene, command.scene_options(), progress, &stop.cancel());
   throw_if_stopped(stop);
+  // Smaller sizes of a photo add up to a third of it.
+  if (command.scales > 1)
+    scene.report.memory_estimate_bytes += scene.report.memory_estimate_bytes / 3;
   scene.report.memory_estimate_bytes +=
       kProgramBytes + training_memory_bytes(command.train, scene.unbounded, pool.size()) +
       evaluation_memory_bytes(most_pixels(scene));
@@ -218,6 +222,7 @@ class Training {
     summary_.scene = command_.scene.string();
     summary_.seed = command_.train.seed;
     summary_.threads = pool_.size();
+    summary_.precision = precision_name(trainer_.options().precision);
     summary_.decode_seconds = photos_.decode_seconds;
     write_result(folder_.result(), summary_);
     log_info(fmt::format("training    {}, {} steps, {}", format_duration(run.train_seconds),
@@ -228,6 +233,10 @@ class Training {
       log_info(fmt::format("held out    PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views",
                            summary_.evaluation.psnr, summary_.evaluation.ssim,
                            summary_.evaluation.counted));
+    if (summary_.evaluation.scales.size() > 1)
+      for (const ScaleScore& s : summary_.evaluation.scales)
+        log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,
+                             s.psnr, s.ssim, s.counted));
     log_info(fmt::format("written to  {}", folder_.path().string()));
     return kExitOk;
   }
@@ -262,10 +271,11 @@ int train_main(int argc, char** argv) {
   if (command.out.empty()) command.out = default_run_folder(command.scene);
   RunFolder folder(command.out, command.resume, command.overwrite);
   complete(command, line.given, folder);
-  const Scene scene = read_scene(command, pool, stop);
+  Scene scene = read_scene(command, pool, stop);
   for (const std::string& warning : unused_options(command, line.given, scene.options.format))
     log_warning(warning);
-  const PhotoSet photos = decode(scene, pool, stop);
+  PhotoSet photos = decode(scene, pool, stop);
+  add_photo_scales(scene, photos, command.scales, pool);
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();
 }

@@ -27,9 +27,18 @@ Json view_scores(const Evaluation& e) {
   Json views = Json::array();
   for (const ViewScore& v : e.views)
     views.push_back({{"name", v.name},
+                     {"scale", v.scale},
                      {"psnr", v.psnr ? Json(*v.psnr) : Json()},
                      {"ssim", v.ssim ? Json(*v.ssim) : Json()}});
   return views;
+}
+
+Json scale_scores(const Evaluation& e) {
+  Json scales = Json::array();
+  for (const ScaleScore& s : e.scales)
+    scales.push_back(
+        {{"scale", s.scale}, {"psnr", s.psnr}, {"ssim", s.ssim}, {"views", s.counted}});
+  return scales;
 }
 
 }  // namespace
@@ -126,6 +135,7 @@ void MetricsFile::add_evaluation(int64_t step, double train_seconds, const Evalu
                    {"ssim", e.ssim},
                    {"views", e.counted},
                    {"evaluation_seconds", e.seconds},
+                   {"scales", scale_scores(e)},
                    {"per_view", view_scores(e)}}));
 }
 
@@ -147,6 +157,8 @@ void write_result(const fs::path& path, const RunSummary& s) {
                                         {"seed", s.seed},
                                         {"threads", s.threads},
                                         {"simd", simd_target()},
+                                        {"precision", s.precision},
+                                        {"scales", scale_scores(s.evaluation)},
                                         {"views", view_scores(s.evaluation)}},
                                    2));
 }

@@ -63,6 +63,7 @@ struct RunSummary {
   std::string scene;
   uint64_t seed = 0;
   int threads = 0;
+  std::string precision;
   double decode_seconds = 0;
   RunResult run;
   Evaluation evaluation;

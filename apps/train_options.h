@@ -50,6 +50,7 @@ struct TrainCommand {
   SplitChoice split = SplitChoice::kTest;
   Holdout holdout = Holdout::kSplit;
   int downscale = 1;
+  int scales = 1;
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
   std::string camera_model = "SIMPLE_RADIAL";
@@ -87,6 +88,10 @@ struct TrainCommand {
       "altogether and every 8th of the others is held out, for tuning");
     v("holdout", holdout, "none trains on every photo and measures nothing");
     v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
+    v("scales", scales,
+      "sizes of every photo that are trained on and measured, each half of the one before; a pixel "
+      "weighs its area",
+      at_least(1), at_most(6));
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");

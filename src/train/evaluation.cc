@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <map>
 #include <set>
 
 #include "nerf/base/error.h"
@@ -123,16 +124,29 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
     const Image8 truth = photo_over(photo, render_options.background);
     const Image8 rendering = to_picture(frame);
     result.views.push_back({scene.views[v].name, psnr(truth, rendering, photo.mask),
-                            ssim(truth, rendering, pool, photo.mask)});
+                            ssim(truth, rendering, pool, photo.mask), scene.views[v].scale});
     if (!options.pictures.empty())
       write_image(options.pictures / picture_file(scene.views[v].name, used),
                   side_by_side(truth, photo.mask, rendering, frame));
   }
-  result.psnr = mean(result.views, &ViewScore::psnr);
-  result.ssim = mean(result.views, &ViewScore::ssim);
-  result.counted =
-      static_cast<int>(std::count_if(result.views.begin(), result.views.end(),
-                                     [](const ViewScore& s) { return s.psnr.has_value(); }));
+  const auto score = [](const std::vector<ViewScore>& of) {
+    ScaleScore s;
+    s.psnr = mean(of, &ViewScore::psnr);
+    s.ssim = mean(of, &ViewScore::ssim);
+    s.counted = static_cast<int>(
+        std::ranges::count_if(of, [](const ViewScore& v) { return v.psnr.has_value(); }));
+    return s;
+  };
+  const ScaleScore all = score(result.views);
+  result.psnr = all.psnr;
+  result.ssim = all.ssim;
+  result.counted = all.counted;
+  std::map<int, std::vector<ViewScore>> by_scale;
+  for (const ViewScore& s : result.views) by_scale[s.scale].push_back(s);
+  for (const auto& [scale, of] : by_scale) {
+    result.scales.push_back(score(of));
+    result.scales.back().scale = scale;
+  }
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;
 }

@@ -167,7 +167,8 @@ void GridTrainer::run_chunks() {
   const int64_t ld = kChunkSamples;
   const int64_t rows = field.shape.features();
   const float scale =
-      1.0f / (3.0f * static_cast<float>(std::max<int64_t>(batch.rays_considered, 1)));
+      static_cast<float>(1 / (3 * source.mean_weight() *
+                              static_cast<double>(std::max<int64_t>(batch.rays_considered, 1))));
   const int64_t per = (batch.chunks + kAccumulators - 1) / kAccumulators;
   pool.parallel_for_thread(kAccumulators, [&](int64_t a, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
@@ -189,7 +190,8 @@ void GridTrainer::run_chunks() {
       std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
       std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
       std::memcpy(chunk.data(tape.target), batch.target_of(static_cast<int>(c)), ray_bytes);
-      std::fill_n(chunk.data(tape.scale), chunk.rays, scale);
+      for (int r = 0; r < chunk.rays; ++r)
+        chunk.data(tape.scale)[r] = scale * batch.weight[i * kChunkRays + static_cast<size_t>(r)];
       tape.tape.forward(chunk);
       tape.tape.backward(chunk);
       std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);

@@ -146,17 +146,20 @@ void NetworkTrainer::draw_rays() {
       ray.random = random;
       ray.background = background;
       if (!cast) continue;
+      ray.scale = pixel.weight;
       for (int k = 0; k < 3; ++k)
         ray.target[k] = pixel.rgb[k] * pixel.alpha + background[k] * (1 - pixel.alpha);
     }
   });
   // Those without a pixel repeat the first that has one, at no weight.
   const auto first = std::ranges::find(drawn, uint8_t{1});
-  const int64_t count = std::ranges::count(drawn, uint8_t{1});
-  const float scale = 1.0f / (3.0f * static_cast<float>(std::max<int64_t>(count, 1)));
+  double weight = 0;
+  for (size_t i = 0; i < rays.size(); ++i)
+    if (drawn[i]) weight += static_cast<double>(rays[i].scale);
+  const float scale = static_cast<float>(1 / (3 * std::max(weight, 1.0)));
   for (size_t i = 0; i < rays.size(); ++i) {
     if (drawn[i]) {
-      rays[i].scale = scale;
+      rays[i].scale *= scale;
     } else if (first != drawn.end()) {
       const Random random = rays[i].random;
       rays[i] = rays[static_cast<size_t>(first - drawn.begin())];

@@ -12,13 +12,19 @@ namespace nerf {
 PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     : photos_(photos), views_(scene.train), near_(scene.near) {
   pixels_before_.push_back(0);
+  double weight = 0;
   for (int v : views_) {
     const Photo& p = photos.photos[static_cast<size_t>(v)];
     pixels_before_.push_back(pixels_before_.back() +
                              static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height));
-    poses_.push_back(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose));
+    const View& view = scene.views[static_cast<size_t>(v)];
+    poses_.push_back(scene.to_engine.apply(view.pose));
+    weights_.push_back(static_cast<float>(view.scale * view.scale));
+    weight += static_cast<double>(weights_.back()) *
+              static_cast<double>(pixels_before_.back() - pixels_before_[poses_.size() - 1]);
   }
   if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
+  mean_weight_ = weight / static_cast<double>(pixels_before_.back());
   const auto keeps_any = [&](int v) {
     const Photo& photo = photos.photos[static_cast<size_t>(v)];
     return photo.mask.empty() || std::ranges::any_of(photo.mask, [](uint8_t m) { return m != 0; });
@@ -76,6 +82,7 @@ bool PixelSource::cast(size_t i, Pixel& out) const {
   photo.prefetch(out.x, out.y);
   out.camera = &photos_.cameras[view];
   out.pose = &poses_[i];
+  out.weight = weights_[i];
   const auto direction = unproject(*out.camera, {out.x + 0.5, out.y + 0.5});
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
@@ -109,6 +116,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   background = AlignedArray<float>(r);
   target = AlignedArray<float>(r);
   tile.resize(static_cast<size_t>(max) * kChunkRays);
+  weight.resize(tile.size());
 }
 
 RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
@@ -142,6 +150,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
     record.tile = pixel.tile;
+    record.weight = pixel.weight;
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = random.uniform();
@@ -183,6 +192,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
+    batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];

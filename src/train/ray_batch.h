@@ -27,6 +27,7 @@ class PixelSource {
     const Photo* photo = nullptr;
     int x = 0, y = 0;
     int32_t tile = 0;  // of the error map
+    float weight = 1;  // of its error: the area of the pixel
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
   };
@@ -36,6 +37,7 @@ class PixelSource {
   // A pixel of the i-th training photo, from the middle `share` of its width and height.
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
   size_t photos() const { return views_.size(); }
+  double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
   // second reads colour and mask.
@@ -50,6 +52,8 @@ class PixelSource {
   std::vector<int> views_;
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
+  std::vector<float> weights_;           // of each photo's pixels
+  double mean_weight_ = 1;
   double near_;
 };
 
@@ -68,6 +72,7 @@ struct RayBatch {
   std::vector<int32_t> ray_begin;                     // of each chunk, kChunkRays + 1 entries
   AlignedArray<float> direction, background, target;  // [chunk][3][kChunkRays]
   std::vector<int32_t> tile;                          // of the error map, [chunk][kChunkRays]
+  std::vector<float> weight;                          // of the error, [chunk][kChunkRays]
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
@@ -95,6 +100,7 @@ class RayBatchMaker {
     bool valid = false;
     float direction[3], background[3], target[3];
     float squared_error = 0;  // against the background alone
+    float weight = 1;
     int32_t tile = 0;
     int chunk = -1, ray = 0, offset = 0;
   };

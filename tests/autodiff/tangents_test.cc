@@ -123,8 +123,8 @@ TEST(Tangents, OfEncodings) {
 TEST(Tangents, OfAWholeField) {
   static const std::vector<double> weights{1, 1};
   static const std::vector<float> as_float{1, 1};
-  static const LinearWeights a{0, 15, 18, true}, b{a.size(), 18, 17, true},
-      c{a.size() + b.size(), 17, 1, true};
+  static const LinearWeights a{0, 15, 7, true}, b{a.size(), 7, 6, true},
+      c{a.size() + b.size(), 6, 1, true};
   check_tangents(
       "tangent_field", 3, 1, {a, b, c},
       [](Tape& t, const WithTangents& x) {

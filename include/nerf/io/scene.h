@@ -22,6 +22,7 @@ struct View {
   int camera = 0;                    // index into Scene::cameras
   Pose pose;                         // camera-to-world, input coordinates, OpenCV axes
   double time = 0;                   // [0, 1]; 0 where the capture has no time
+  int scale = 1;  // the photo is reduced by this (photo_scales.h); a pixel weighs its square
 };
 
 struct ScenePoint {
@@ -72,7 +73,8 @@ struct SceneReport {
 struct Scene {
   std::filesystem::path root;
   std::vector<Camera> cameras;  // of the full-size photos, before --downscale
-  std::vector<View> views;      // registered views whose image exists, sorted bytewise by name
+  std::vector<View> views;      // registered views whose image exists, sorted bytewise by name;
+                                // then the same at other scales
   std::vector<ScenePoint> points;
   std::vector<int> train, test;  // indices into views
   SceneOptions options;          // as given; `format` is the one that was found

@@ -29,12 +29,21 @@ struct ViewScore {
   std::string name;
   std::optional<double> psnr;  // dB
   std::optional<double> ssim;
+  int scale = 1;  // View::scale
+};
+
+// Means over the views of one scale.
+struct ScaleScore {
+  int scale = 1;
+  double psnr = 0, ssim = 0;
+  int counted = 0;
 };
 
 struct Evaluation {
   std::vector<ViewScore> views;
-  double psnr = 0, ssim = 0;  // means over the views that have a value; 0 where none has
-  int counted = 0;            // views with a PSNR
+  std::vector<ScaleScore> scales;  // of each scale that there is
+  double psnr = 0, ssim = 0;       // means over the views that have a value; 0 where none has
+  int counted = 0;                 // views with a PSNR
   double seconds = 0;
 };
 

@@ -1,0 +1,18 @@
+// Photos at several scales (Barron et al. 2021, section 4.1: the multiscale dataset).
+#pragma once
+
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+
+namespace nerf {
+
+// Adds to every view the same view at 1/2, 1/4, ... of its photo, `scales` sizes in all, as further
+// views of the same split: named scale2/NAME and so on, with View::scale, cameras scaled alike. A
+// pixel is the mean of those that it covers, colours weighted by alpha; it is masked out where more
+// than half of them are. 1 changes nothing. Throws Error where a photo would have a side below
+// kLeastScaledSide pixels.
+inline constexpr int kLeastScaledSide = 11;  // what SSIM needs
+void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, ThreadPool& pool);
+
+}  // namespace nerf

@@ -1,0 +1,168 @@
+#include "nerf/io/photo_scales.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <map>
+
+#include "nerf/train/evaluation.h"
+#include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
+#include "support/temp_folder.h"
+#include "support/tiny_options.h"
+#include "train/ray_batch.h"
+
+namespace nerf {
+namespace {
+
+test::SyntheticCapture scaled_capture(int scales, int width = 64) {
+  auto c = test::sphere_capture(8, width);
+  ThreadPool pool(2);
+  add_photo_scales(c.scene, c.photos, scales, pool);
+  return c;
+}
+
+TEST(PhotoScales, OneChangesNothing) {
+  const auto before = test::sphere_capture(8, 64), after = scaled_capture(1);
+  EXPECT_EQ(after.scene.views.size(), before.scene.views.size());
+  EXPECT_EQ(after.photos.photos.size(), before.photos.photos.size());
+}
+
+// Means of blocks, colours weighted by alpha; stored numbers are off by half of 1/255 and, of a
+// colour, by what rounding alpha adds.
+TEST(PhotoScales, PixelsAreTheMeansOfThoseTheyCover) {
+  const auto c = scaled_capture(3);
+  const size_t views = c.scene.views.size() / 3;
+  for (const int s : {1, 2})
+    for (size_t v = 0; v < views; ++v) {
+      const Photo& full = c.photos.photos[v];
+      const Photo& photo = c.photos.photos[static_cast<size_t>(s) * views + v];
+      const int scale = 1 << s;
+      ASSERT_EQ(photo.width, full.width / scale);
+      ASSERT_EQ(photo.height, full.height / scale);
+      for (int y = 0; y < photo.height; ++y)
+        for (int x = 0; x < photo.width; ++x) {
+          double sum[4] = {0, 0, 0, 0};
+          for (int j = 0; j < scale; ++j)
+            for (int i = 0; i < scale; ++i) {
+              float p[4];
+              full.pixel(scale * x + i, scale * y + j, p);
+              for (int k = 0; k < 3; ++k) sum[k] += static_cast<double>(p[k] * p[3]);
+              sum[3] += static_cast<double>(p[3]);
+            }
+          float got[4];
+          photo.pixel(x, y, got);
+          EXPECT_NEAR(static_cast<double>(got[3]), sum[3] / (scale * scale), 0.51 / 255);
+          for (int k = 0; k < 3 && sum[3] > 0; ++k)
+            EXPECT_NEAR(static_cast<double>(got[k]), sum[k] / sum[3], 0.51 / 255);
+        }
+    }
+}
+
+TEST(PhotoScales, CamerasSeeTheSameAndViewsStayInTheirSplit) {
+  const auto c = scaled_capture(3);
+  const size_t views = c.scene.views.size() / 3;
+  ASSERT_EQ(c.photos.cameras.size(), c.scene.views.size());
+  for (size_t i = 0; i < c.scene.views.size(); ++i) {
+    const View& view = c.scene.views[i];
+    const View& full = c.scene.views[i % views];
+    EXPECT_EQ(view.scale, 1 << (i / views));
+    const std::string folder = view.scale > 1 ? "scale" + std::to_string(view.scale) + "/" : "";
+    EXPECT_EQ(view.name, folder + full.name);
+    const Vec2d at{3.5, 2.5};
+    const auto here = unproject(c.photos.cameras[i], at);
+    const auto there =
+        unproject(c.photos.cameras[i % views], {at.x * view.scale, at.y * view.scale});
+    EXPECT_NEAR(length(normalized(*here) - normalized(*there)), 0, 1e-12);
+  }
+  const auto original = test::sphere_capture(8, 64);
+  for (const auto member : {&Scene::train, &Scene::test}) {
+    const std::vector<int>&got = c.scene.*member, &one = original.scene.*member;
+    ASSERT_EQ(got.size(), 3 * one.size());
+    for (size_t i = 0; i < got.size(); ++i)
+      EXPECT_EQ(got[i], one[i % one.size()] + static_cast<int>(i / one.size() * views));
+  }
+}
+
+TEST(PhotoScales, AMaskKeepsWhatIsMostlyKept) {
+  auto c = test::sphere_capture(2, 32);
+  Photo& photo = c.photos.photos[0];
+  photo.mask.assign(static_cast<size_t>(photo.width) * static_cast<size_t>(photo.height), 255);
+  const auto hide = [&](int x, int y) {
+    photo.mask[static_cast<size_t>(y) * static_cast<size_t>(photo.width) + static_cast<size_t>(x)] =
+        0;
+  };
+  hide(0, 0);                                      // one of four: kept
+  hide(2, 0), hide(3, 0);                          // two: kept
+  hide(4, 0), hide(5, 0), hide(4, 1);              // three: out
+  hide(6, 0), hide(7, 0), hide(6, 1), hide(7, 1);  // all
+  ThreadPool pool(1);
+  add_photo_scales(c.scene, c.photos, 2, pool);
+  const Photo& half = c.photos.photos[c.scene.views.size() / 2];
+  ASSERT_FALSE(half.mask.empty());
+  const std::array<bool, 5> out{false, false, true, true, false};
+  for (int x = 0; x < 5; ++x) EXPECT_EQ(half.masked_out(x, 0), out[static_cast<size_t>(x)]) << x;
+  EXPECT_TRUE(c.photos.photos.back().mask.empty());
+}
+
+TEST(PhotoScales, TooSmallPhotosAreAnError) {
+  auto c = test::sphere_capture(2, 32);
+  ThreadPool pool(1);
+  const std::string error = test::error_of([&] { add_photo_scales(c.scene, c.photos, 4, pool); });
+  EXPECT_TRUE(test::contains(error, "1/")) << error;
+  EXPECT_TRUE(test::contains(error, "--scales")) << error;
+}
+
+// Drawn as often as there are pixels, weighing their area: all scales count alike.
+TEST(PhotoScales, EveryScaleWeighsTheSame) {
+  const auto c = scaled_capture(3);
+  const PixelSource source(c.scene, c.photos);
+  EXPECT_NEAR(source.mean_weight(), 3 / (1 + 0.25 + 0.0625), 1e-6);
+  std::map<float, double> weight;
+  constexpr int kDraws = 200000;
+  for (uint64_t i = 0; i < kDraws; ++i) {
+    Random random(1, 2, i);
+    PixelSource::Pixel pixel;
+    ASSERT_TRUE(source.draw(random, pixel));
+    weight[pixel.weight] += static_cast<double>(pixel.weight);
+  }
+  ASSERT_EQ(weight.size(), 3u);
+  for (const auto& [each, sum] : weight) {
+    // A binomial count with a share of pixels p: its standard deviation, times the weight.
+    const double p = 1 / (static_cast<double>(each) * 1.3125);
+    const double deviation = static_cast<double>(each) * std::sqrt(kDraws * p * (1 - p));
+    EXPECT_NEAR(sum, kDraws / 1.3125, 4 * deviation) << each;
+  }
+}
+
+// Held-out views are measured at each scale; training goes on as with one.
+TEST(PhotoScales, AreTrainedOnAndMeasuredApart) {
+  auto c = scaled_capture(2);
+  ThreadPool pool(2);
+  for (const char* method : {"grid", "mipnerf"}) {
+    TrainOptions options = test::tiny_options(150);
+    if (std::string(method) != kGridMethod) {
+      options.method = method;
+      options.network.width = options.network.proposal_width = options.network.bottleneck = 16;
+      options.network.depth = options.network.proposal_depth = 2;
+      options.recipe.rays = 64;
+      options.steps = 3;
+    }
+    Trainer trainer(c.scene, c.photos, options, pool);
+    trainer.run({});
+    const Evaluation e = evaluate(trainer.snapshot(), c.scene, c.photos, {}, pool);
+    ASSERT_EQ(e.scales.size(), 2u);
+    double sum = 0;
+    for (size_t s = 0; s < 2; ++s) {
+      EXPECT_EQ(e.scales[s].scale, 1 << s);
+      EXPECT_EQ(e.scales[s].counted, static_cast<int>(c.scene.test.size()) / 2);
+      sum += e.scales[s].psnr;
+    }
+    EXPECT_NEAR(sum / 2, e.psnr, 1e-9);
+    EXPECT_GT(e.psnr, options.method == kGridMethod ? 15 : 3);  // a white picture has 11 dB
+  }
+}
+
+}  // namespace
+}  // namespace nerf
