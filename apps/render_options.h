@@ -65,13 +65,14 @@ struct RenderCommand {
     v("run", run, "folder that nerf_train wrote, or a model file", positional(), required(),
       metavar("RUN"));
     v("views", views,
-      "what to show: test, train, orbit, spiral, ellipse, interpolate, or a camera path in "
+      "what to show: test, train, orbit, spiral, spherified, ellipse, interpolate, or a camera "
+      "path in "
       "nerfstudio's JSON format, in the input model's coordinates",
       metavar("VIEWS"));
     v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"));
     v("size", size, "size of the pictures; without it that of the photos");
     v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64));
-    v("frames", frames, "length of orbit, spiral, ellipse and interpolate; without it 120",
+    v("frames", frames, "length of the generated paths (orbit, spiral, ...); without it 120",
       at_least(1), at_most(100000));
     v("fps", fps, "frames per second of the video; without it the camera path's, or 30",
       at_least(0.1), at_most(1000));

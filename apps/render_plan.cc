@@ -35,7 +35,7 @@ Views find_views(const RenderCommand& command, const ModelInfo& info) {
   views.photos =
       kind != kinds.end() && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
   if (command.frames && (views.photos || kind == kinds.end()))
-    throw Error("--frames is for orbit, spiral, ellipse and interpolate", "--frames",
+    throw Error("--frames is for orbit, spiral, spherified, ellipse and interpolate", "--frames",
                 "leave it out: these views have a number of their own");
   if (kind != kinds.end()) {
     PathOptions options;

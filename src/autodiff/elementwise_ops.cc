@@ -220,6 +220,16 @@ Value elementwise(Tape& tape, Value x, Parameters... parameters) {
   return y;
 }
 
+template <class Op>
+Value binary(Tape& tape, Value a, Value b) {
+  NERF_CHECK_EQ(tape.rows(a), tape.rows(b));
+  NERF_CHECK(tape.domain(a) == tape.domain(b));
+  const Value from[] = {a, b};
+  const Value y = tape.output(tape.rows(a), tape.domain(a), from);
+  tape.record(std::make_unique<Op>(a, b, y));
+  return y;
+}
+
 }  // namespace
 
 Value concat(Tape& tape, Value a, Value b) {
@@ -230,23 +240,8 @@ Value concat(Tape& tape, Value a, Value b) {
   return y;
 }
 
-Value add(Tape& tape, Value a, Value b) {
-  NERF_CHECK_EQ(tape.rows(a), tape.rows(b));
-  NERF_CHECK(tape.domain(a) == tape.domain(b));
-  const Value from[] = {a, b};
-  const Value y = tape.output(tape.rows(a), tape.domain(a), from);
-  tape.record(std::make_unique<Add>(a, b, y));
-  return y;
-}
-
-Value multiply(Tape& tape, Value a, Value b) {
-  NERF_CHECK_EQ(tape.rows(a), tape.rows(b));
-  NERF_CHECK(tape.domain(a) == tape.domain(b));
-  const Value from[] = {a, b};
-  const Value y = tape.output(tape.rows(a), tape.domain(a), from);
-  tape.record(std::make_unique<Multiply>(a, b, y));
-  return y;
-}
+Value add(Tape& tape, Value a, Value b) { return binary<Add>(tape, a, b); }
+Value multiply(Tape& tape, Value a, Value b) { return binary<Multiply>(tape, a, b); }
 
 Value slice(Tape& tape, Value x, int first, int rows) {
   NERF_CHECK_LE(first + rows, tape.rows(x));

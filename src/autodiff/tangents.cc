@@ -125,6 +125,16 @@ std::vector<Value> of_each(const WithTangents& x, const F& f) {
   return out;
 }
 
+// f of the values and of each pair of tangents: a function linear in both.
+template <class F>
+WithTangents of_both(const WithTangents& a, const WithTangents& b, const F& f) {
+  NERF_CHECK_EQ(a.tangents.size(), b.tangents.size());
+  WithTangents y{f(a.value, b.value), {}};
+  for (size_t i = 0; i < a.tangents.size(); ++i)
+    y.tangents.push_back(f(a.tangents[i], b.tangents[i]));
+  return y;
+}
+
 }  // namespace
 
 WithTangents linear(Tape& tape, const WithTangents& x, const LinearWeights& w,
@@ -146,11 +156,7 @@ WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> laye
 }
 
 WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b) {
-  NERF_CHECK_EQ(a.tangents.size(), b.tangents.size());
-  WithTangents y{concat(tape, a.value, b.value), {}};
-  for (size_t i = 0; i < a.tangents.size(); ++i)
-    y.tangents.push_back(concat(tape, a.tangents[i], b.tangents[i]));
-  return y;
+  return of_both(a, b, [&](Value x, Value y) { return concat(tape, x, y); });
 }
 
 WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows) {
@@ -176,11 +182,7 @@ WithTangents relu(Tape& tape, const WithTangents& x) {
 }
 
 WithTangents add(Tape& tape, const WithTangents& a, const WithTangents& b) {
-  NERF_CHECK_EQ(a.tangents.size(), b.tangents.size());
-  WithTangents y{add(tape, a.value, b.value), {}};
-  for (size_t i = 0; i < a.tangents.size(); ++i)
-    y.tangents.push_back(add(tape, a.tangents[i], b.tangents[i]));
-  return y;
+  return of_both(a, b, [&](Value x, Value y) { return add(tape, x, y); });
 }
 
 WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b) {

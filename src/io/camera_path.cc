@@ -121,6 +121,24 @@ PoseCurve orbit(const Rig& rig) {
           0};
 }
 
+PoseCurve spherified(const Rig& rig) {
+  double square = 0, height = 0;
+  const auto n = static_cast<double>(rig.cameras.size());
+  for (const Pose& c : rig.cameras) {
+    const Vec3d p = c.translation - rig.focus;
+    square += dot(p, p) / n;
+    height += p.z / n;
+  }
+  // Cameras straight above would leave a circle of no size.
+  const double radius = std::sqrt(std::max(square - height * height, 0.0625 * square));
+  return {[rig, radius, height](double u) {
+            const double azimuth = 2 * kPi * u;
+            return looking(rig, rig.focus + Vec3d{radius * std::cos(azimuth),
+                                                  radius * std::sin(azimuth), height});
+          },
+          0};
+}
+
 PoseCurve ellipse(const Rig& rig) {
   const Vec3d center = rig.arc.full ? rig.focus : rig.middle;
   // Principal directions of the positions seen from above, in closed form.
@@ -250,8 +268,8 @@ void add_views(CameraPath& path, const ModelInfo& info, bool held_out) {
   if (path.frames.empty())
     throw Error(held_out ? "the model has no held-out views" : "the model has no training views",
                 "--views",
-                held_out ? "it was trained with --holdout none: use train, orbit, spiral, ellipse "
-                           "or interpolate"
+                held_out ? "it was trained with --holdout none: use train, orbit, spiral, "
+                           "spherified, ellipse or interpolate"
                          : "use test, or give a camera path file");
 }
 
@@ -316,6 +334,10 @@ CameraPath make_camera_path(const ModelInfo& info, PathKind kind, const PathOpti
                 "spiral");
       break;
     }
+    case PathKind::kSpherified:
+      add_curve(path, info, spherified(make_rig(info)), even_parameters(options.frames),
+                "spherified");
+      break;
     case PathKind::kEllipse: {
       const PoseCurve curve = ellipse(make_rig(info));
       add_curve(path, info, curve, constant_speed_parameters(curve, options.frames, true),

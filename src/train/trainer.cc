@@ -69,6 +69,7 @@ RadianceField Trainer::snapshot() const {
   for (int v : impl_->scene.test) held_out[static_cast<size_t>(v)] = true;
   for (size_t v = 0; v < impl_->scene.views.size(); ++v) {
     const View& view = impl_->scene.views[v];
+    if (view.scale > 1) continue;  // the same camera again
     info.views.push_back({view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
   }
   return impl_->snapshot(std::move(info));

@@ -92,7 +92,8 @@ TEST_F(NerfRender, TestViewsKeepTheirNames) {
 }
 
 TEST_F(NerfRender, EveryKindOfViews) {
-  for (const std::string kind : {"train", "orbit", "spiral", "ellipse", "interpolate"}) {
+  for (const std::string kind :
+       {"train", "orbit", "spiral", "spherified", "ellipse", "interpolate"}) {
     std::vector<std::string> arguments{
         run_ + "/model.nerf", "--views", kind, "--no-depth", "-o", out_, "--size", "12x10",
         "--threads",          "1"};

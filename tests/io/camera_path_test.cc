@@ -170,6 +170,31 @@ TEST(CameraPath, PanoramaLooksOutward) {
   }
 }
 
+// Cameras 1 and 3 from the axis, all at height 1: their mean squared distance is 5 + 1.
+TEST(CameraPath, SpherifiedIsALevelCircleOnTheCamerasSphere) {
+  ModelInfo info;
+  info.to_engine = skewed_frame();
+  const Vec3d target{0.2, -0.1, 0.3};
+  for (int i = 0; i < 12; ++i) {
+    const double a = 2 * kPi * i / 12, radius = i % 2 ? 1 : 3;
+    const Vec3d position = target + Vec3d{radius * std::cos(a), radius * std::sin(a), 1};
+    add(info, {look_rotation(target - position, {0.1, 0, 1}), position});
+  }
+  const CameraPath path = make_camera_path(info, PathKind::kSpherified, {16, 30});
+  expect_sound(path, 16);
+  expect_level(info, path);
+  EXPECT_EQ(path.frames[3].name, "spherified_0003");
+  for (size_t i = 0; i < path.frames.size(); ++i) {
+    const Pose pose = engine_pose(info, path.frames[i]);
+    const Vec3d from = pose.translation - target;
+    EXPECT_NEAR(std::hypot(from.x, from.y), std::sqrt(5), 1e-6);
+    EXPECT_NEAR(from.z, 1, 1e-6);
+    EXPECT_LT(length(pose.rotation.column(2) + normalized(from)), 1e-6) << "looks elsewhere";
+    EXPECT_NEAR(std::cos(std::atan2(from.y, from.x) - 2 * kPi * static_cast<double>(i) / 16), 1,
+                1e-9);
+  }
+}
+
 TEST(CameraPath, EllipseFitsTheCameras) {
   ModelInfo info;
   info.to_engine = skewed_frame();
@@ -317,10 +342,11 @@ TEST(CameraPath, PathCameraIsTheCommonOneWithoutDistortion) {
 }
 
 TEST(CameraPath, DegenerateCaptures) {
-  const auto all = {PathKind::kOrbit, PathKind::kSpiral, PathKind::kEllipse};
+  const auto all = {PathKind::kOrbit, PathKind::kSpiral, PathKind::kSpherified, PathKind::kEllipse};
   ModelInfo none;
-  for (const PathKind kind : {PathKind::kOrbit, PathKind::kSpiral, PathKind::kEllipse,
-                              PathKind::kInterpolate, PathKind::kTest, PathKind::kTrain})
+  for (const PathKind kind :
+       {PathKind::kOrbit, PathKind::kSpiral, PathKind::kSpherified, PathKind::kEllipse,
+        PathKind::kInterpolate, PathKind::kTest, PathKind::kTrain})
     EXPECT_NE(error_of([&] { make_camera_path(none, kind); }), "");
 
   ModelInfo one = ring(1);

@@ -19,31 +19,7 @@ namespace {
 using test::bits_of;
 using test::error_of;
 using test::sphere_capture;
-
-TrainOptions small_options(const std::string& method, int64_t steps) {
-  TrainOptions o = method_options(method, Scale::kTiny);
-  o.steps = steps;
-  o.hold = 0.1;
-  o.rate = 5e-3;
-  o.warmup_steps = 8;
-  o.network.depth = o.network.proposal_depth = 3;
-  o.network.width = o.network.proposal_width = o.network.bottleneck = 32;
-  o.network.view_width = 16;
-  o.network.position_degrees = 4;
-  o.network.sampling.coarse = 16;
-  o.network.sampling.fine = 16;
-  o.recipe.rays = 96;
-  o.recipe.crop_steps = 3;
-  o.recipe.anneal_steps = 0;
-  // The sphere is 2.3 away: of the paper's distances in inverse depth it would fill one of 32. At
-  // the others' rate some seeds stay blank, which run_training() would answer with another salt.
-  if (o.recipe.far > 0) {
-    o.rate = 2e-3;
-    o.recipe.near = 2;
-    o.recipe.far = 100;
-  }
-  return o;
-}
+using test::tiny_method_options;
 
 // Every method but the grid's, which has tests of its own.
 class NetworkTraining : public ::testing::TestWithParam<std::string> {
@@ -59,14 +35,14 @@ class NetworkTraining : public ::testing::TestWithParam<std::string> {
 
 TEST_P(NetworkTraining, ThreadsChangeNothing) {
   const auto c = sphere_capture();
-  const auto one = bits_after(c, 1, small_options(GetParam(), 10), 6);
-  EXPECT_EQ(one, bits_after(c, 2, small_options(GetParam(), 10), 6));
-  EXPECT_EQ(one, bits_after(c, 3, small_options(GetParam(), 10), 6));
+  const auto one = bits_after(c, 1, tiny_method_options(GetParam(), 10), 6);
+  EXPECT_EQ(one, bits_after(c, 2, tiny_method_options(GetParam(), 10), 6));
+  EXPECT_EQ(one, bits_after(c, 3, tiny_method_options(GetParam(), 10), 6));
 }
 
 TEST_P(NetworkTraining, GoesOnBitForBit) {
   const auto c = sphere_capture();
-  const TrainOptions options = small_options(GetParam(), 20);
+  const TrainOptions options = tiny_method_options(GetParam(), 20);
   test::TempFolder folder;
   ThreadPool pool(2);
   {
@@ -89,7 +65,7 @@ TEST_P(NetworkTraining, GoesOnBitForBit) {
 TEST_P(NetworkTraining, LearnsTheSphere) {
   const auto c = sphere_capture(24, 32);
   ThreadPool pool(2);
-  TrainOptions options = small_options(GetParam(), 1200);
+  TrainOptions options = tiny_method_options(GetParam(), 1200);
   Trainer trainer(c.scene, c.photos, options, pool);
   StepReport first, last;
   trainer.run([&](const StepReport& r) {
@@ -132,7 +108,7 @@ test::SyntheticCapture forward_facing_capture() {
 TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
   const auto c = forward_facing_capture();
   ThreadPool pool(2);
-  TrainOptions options = small_options(GetParam(), 500);
+  TrainOptions options = tiny_method_options(GetParam(), 500);
   options.network.space = Space::kNdc;
   options.network.sampling.spacing = Spacing::kUniform;
   Trainer trainer(c.scene, c.photos, options, pool);
@@ -160,7 +136,7 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
 // One photo a step: all rays begin at one camera, so that a photo without light leaves no colour.
 TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
   const auto c = sphere_capture();
-  TrainOptions options = small_options(GetParam(), 10);
+  TrainOptions options = tiny_method_options(GetParam(), 10);
   const auto usual = bits_after(c, 1, options, 3);
   const auto differs = [&](auto change) {
     TrainOptions other = options;
@@ -182,7 +158,7 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
 }
 
 TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {
-  const TrainOptions small = small_options(GetParam(), 10);
+  const TrainOptions small = tiny_method_options(GetParam(), 10);
   const TrainOptions paper = method_options(GetParam(), Scale::kPaper);
   const uint64_t few = training_memory_bytes(small, false, 1);
   const uint64_t many = training_memory_bytes(paper, false, 2);

@@ -151,7 +151,9 @@ TEST(PhotoScales, AreTrainedOnAndMeasuredApart) {
     }
     Trainer trainer(c.scene, c.photos, options, pool);
     trainer.run({});
-    const Evaluation e = evaluate(trainer.snapshot(), c.scene, c.photos, {}, pool);
+    const RadianceField field = trainer.snapshot();
+    EXPECT_EQ(field.info().views.size(), c.scene.views.size() / 2) << "a path through each camera";
+    const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
     ASSERT_EQ(e.scales.size(), 2u);
     double sum = 0;
     for (size_t s = 0; s < 2; ++s) {

@@ -4,8 +4,6 @@
 #include <cmath>
 
 #include "nerf/train/evaluation.h"
-#include "nerf/train/methods.h"
-#include "support/network_options.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 
@@ -43,20 +41,8 @@ class InBothPrecisions : public ::testing::TestWithParam<std::string> {
     if (bf16_unit() == Bf16Unit::kNone) GTEST_SKIP() << "no bf16 products on this processor";
   }
   static TrainOptions options(int64_t steps) {
-    TrainOptions o = GetParam() == kGridMethod ? test::tiny_options(steps)
-                                               : method_options(GetParam(), Scale::kTiny);
-    o.steps = steps;
-    if (GetParam() == kGridMethod) return o;
-    o.rate = 5e-3;
-    o.warmup_steps = 8;
-    o.network.depth = o.network.proposal_depth = 3;
-    o.network.width = o.network.proposal_width = o.network.bottleneck = 32;
-    o.network.view_width = 16;
-    o.network.position_degrees = 4;
-    o.network.sampling.coarse = o.network.sampling.fine = 16;
-    o.recipe.rays = 96;
-    o.recipe.crop_steps = 3;
-    return o;
+    return GetParam() == kGridMethod ? test::tiny_options(steps)
+                                     : test::tiny_method_options(GetParam(), steps);
   }
 };
 

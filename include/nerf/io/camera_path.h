@@ -33,14 +33,18 @@ enum class PathKind {
   kTrain,        // the training views
   kOrbit,        // level circle around what the cameras look at
   kSpiral,       // small spiral around one pose, as LLFF shows forward-facing captures
+  kSpherified,   // level circle on the sphere of the cameras, as LLFF shows captures all around
   kEllipse,      // level ellipse fitted to the cameras, as mip-NeRF 360 shows unbounded captures
   kInterpolate,  // through the training cameras in capture order
 };
 inline auto option_names(PathKind) {
-  return std::array{
-      OptionName{PathKind::kTest, "test"},       OptionName{PathKind::kTrain, "train"},
-      OptionName{PathKind::kOrbit, "orbit"},     OptionName{PathKind::kSpiral, "spiral"},
-      OptionName{PathKind::kEllipse, "ellipse"}, OptionName{PathKind::kInterpolate, "interpolate"}};
+  return std::array{OptionName{PathKind::kTest, "test"},
+                    OptionName{PathKind::kTrain, "train"},
+                    OptionName{PathKind::kOrbit, "orbit"},
+                    OptionName{PathKind::kSpiral, "spiral"},
+                    OptionName{PathKind::kSpherified, "spherified"},
+                    OptionName{PathKind::kEllipse, "ellipse"},
+                    OptionName{PathKind::kInterpolate, "interpolate"}};
 }
 
 struct PathOptions {
@@ -61,6 +65,9 @@ struct PathOptions {
 // What they do where a capture does not suit them:
 // - orbit: cameras that stand on one side only (a gap of 150 degrees or more) would show what no
 //   photo has seen; it then swings along the arc that they cover, there and back;
+// - spherified: the circle lies on the sphere around the focus whose radius is the root of the mean
+//   squared distance of the cameras, at their mean height (spherify_poses of Mildenhall et al.
+//   2020's code, whose up direction is the mean of the cameras' offsets; here it is the engine's);
 // - ellipse: the same cameras get an ellipse around their own middle;
 // - spiral: of cameras that surround the scene it takes the first one as its middle, with a width
 //   of 15% of the distance to what it looks at; a single camera gets 5%;
