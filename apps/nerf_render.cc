@@ -72,6 +72,7 @@ int render_main(int argc, char** argv) {
   options.background = command.background;
   options.bbox = command.bbox;
   options.precision = command.precision;
+  options.supersample = command.supersample;
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
                                         const std::function<void(double)>& progress) {
     return render(field, camera, camera_to_world, options, pool, progress, &stop.cancel());

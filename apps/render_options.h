@@ -8,6 +8,7 @@
 #include "nerf/base/options.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf/math/option_types.h"
+#include "nerf/model/renderer.h"
 #include "options_cli.h"
 
 namespace nerf {
@@ -57,6 +58,7 @@ struct RenderCommand {
   bool depth = true;
   std::optional<Box3> bbox;
   Vec3 background{1, 1, 1};
+  int supersample = 0;
   Precision precision = Precision::kAuto;
   int threads = 0;
 
@@ -81,6 +83,10 @@ struct RenderCommand {
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
     v("background", background, "sRGB colour behind the scene, each 0 to 1", at_least(0),
       at_most(1), metavar("R,G,B"));
+    v("supersample", supersample,
+      "rays along a pixel's side, averaged; 0: so many that none is wider than a pixel of the "
+      "photos (grid method)",
+      at_least(0), at_most(kMostSupersampling));
     v("precision", precision,
       "operands of the networks' products; auto: bf16 where the processor is faster with it");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));

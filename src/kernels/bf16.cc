@@ -80,6 +80,11 @@ std::vector<Bf16Unit> bf16_units() {
   return out;
 }
 
+Bf16Unit internal::chosen_bf16_unit() {
+  choose_once();
+  return chosen();
+}
+
 Bf16Unit bf16_unit() {
   choose_once();
   return simd_target() == "AVX3" ? chosen() : Bf16Unit::kNone;

@@ -5,6 +5,10 @@
 
 #include <cstdint>
 
+namespace nerf {
+enum class Bf16Unit;
+}
+
 namespace nerf::internal {
 
 // Blocks of the left factor: 16 rows x 32 elements of depth, row by row; of the right one: 16 pairs
@@ -43,6 +47,9 @@ void bf16_pack_pairs_transposed(int64_t columns, int64_t depth, const float* x, 
 // FLOPs done by `rounds` of the instruction on registers (peak.h).
 int64_t bf16_loop_avx512(int64_t rounds, float* sink);
 int64_t bf16_loop_amx(int64_t rounds, float* sink);
+
+// bf16_unit() for kernels, which run only where the target has it: the unit alone, found at once.
+Bf16Unit chosen_bf16_unit();
 
 // Asks the system for tiles, for all threads of the process; false where it refuses.
 bool request_amx();

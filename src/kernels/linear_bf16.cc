@@ -37,7 +37,7 @@ uint16_t* scratch(AlignedArray<uint16_t>& memory, int64_t size) {
 thread_local AlignedArray<uint16_t> left_factor, right_factor;
 
 void multiply(const Bf16Product& p) {
-  switch (bf16_unit()) {
+  switch (chosen_bf16_unit()) {
     case Bf16Unit::kAvx512:
       return bf16_product_avx512(p);
     case Bf16Unit::kAmx:
@@ -73,7 +73,10 @@ void pack_layer(int in, int out, const float* w, uint16_t* packed) {
   // The transpose, a block of rows at a time: 16 columns of w, each as far as the depth goes.
   uint16_t* to = packed + round_up(out, kBf16Rows) * round_up(in, kBf16Depth);
   const int64_t depth = round_up(out, kBf16Depth);
-  AlignedArray<float> rows(static_cast<size_t>(kBf16Rows * depth));
+  const size_t size = static_cast<size_t>(kBf16Rows * depth);
+  thread_local AlignedArray<float> rows;
+  if (rows.size() < size) rows = AlignedArray<float>(size);
+  std::fill_n(rows.data(), size, 0.0f);
   for (int64_t k = 0; k < stride; k += kBf16Rows, to += kBf16Rows * depth) {
     for (int64_t j = 0; j < out; ++j)
       for (int64_t r = 0; r < kBf16Rows; ++r)

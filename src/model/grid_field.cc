@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "nerf/base/error.h"
@@ -102,6 +103,14 @@ Vec3 GridField::grid_position(const Vec3& p) const {
                    : p * 0.5f + Vec3{0.5f, 0.5f, 0.5f};
 }
 
+float GridField::grid_scale(const Vec3& p) const {
+  if (!unbounded) return 0.5f;
+  const float r = length(p);
+  if (!(r > 1)) return 0.25f;
+  const float across = (2 - 1 / r) / r;  // contraction: (2 r - 1) / r^2 across, 1 / r^2 along
+  return 0.25f * std::cbrt(across * across / r / r);
+}
+
 GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
   features = tape.input(field.shape.features(), Domain::kSamples, training);
   directions = tape.input(3, Domain::kRays);
@@ -123,12 +132,32 @@ GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
   tape.plan();
 }
 
-void encode(const GridField& field, const float* x, const float* y, const float* z, int64_t n,
-            float* features, int64_t ld) {
+void fade_level(const HashGridLevel& level, const float* spread, int64_t n, float* features,
+                int64_t ld) {
+  NERF_CHECK_LE(n, kChunkSamples);
+  if (n <= 0) return;
+  const int64_t padded = round_up(n, kLane);
+  alignas(64) float inverse_square[kChunkSamples], length[kChunkSamples], left[kChunkSamples];
+  constexpr float kLeast = 1e-12f;  // a spread of this is none
+  for (int64_t i = 0; i < padded; ++i) {
+    const float s = std::max(spread[i], kLeast);
+    inverse_square[i] = 1 / (s * s);
+    length[i] = 1 / (2 * std::numbers::pi_v<float> * level.scale * level.scale);
+  }
+  opacity(n, inverse_square, length, left);
+  for (int64_t i = 0; i < padded; ++i) left[i] = std::sqrt(left[i]);
+  for (int f = 0; f < kGridFeatures; ++f)
+    for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= left[i];
+}
+
+void encode(const GridField& field, const float* x, const float* y, const float* z,
+            const float* spread, int64_t n, float* features, int64_t ld) {
   for (size_t l = 0; l < field.shape.levels.size(); ++l) {
     const HashGridLevel& level = field.shape.levels[l];
     hash_grid_forward(level, field.table.data() + level.offset * kGridFeatures, x, y, z, n,
                       features + static_cast<int64_t>(l) * kGridFeatures * ld, ld);
+    if (spread)
+      fade_level(level, spread, n, features + static_cast<int64_t>(l) * kGridFeatures * ld, ld);
   }
 }
 

@@ -71,7 +71,8 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
     ray_begin[count] = count;
     chunk->samples = chunk->rays = count;
     chunk->ray_begin = ray_begin;
-    encode(*grid_, x, y, z, count, chunk->data(tape.features), chunk->stride(tape.features));
+    encode(*grid_, x, y, z, nullptr, count, chunk->data(tape.features),
+           chunk->stride(tape.features));
     tape.forward_field(*chunk);
     const float* sigma = chunk->data(tape.density);
     const float* colour = chunk->data(tape.colour);

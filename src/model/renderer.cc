@@ -6,6 +6,7 @@
 #include <mutex>
 
 #include "model/network_renderer.h"
+#include "model/supersampling.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
@@ -22,6 +23,7 @@ struct PixelState {
   float median = -1;         // distance at which half of the light is stopped
   double start = 0;          // of the march, from the camera
   float forward = 1;         // cosine between ray and optical axis
+  float radius = 0;          // of the pixel's cone at distance 1; GridOptions::antialias
 };
 
 // The box of the options: its axes are the input's, its unit and origin the engine's.
@@ -125,6 +127,8 @@ class TileRenderer {
     }
     state.start = sampler_.start();
     state.forward = static_cast<float>(in_camera.z);
+    if (field_.options.antialias)
+      state.radius = static_cast<float>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
     const Vec3 d = ray.direction.cast<float>();
     for (int from = 0; from < count;) {
       if (samples_used_ == kChunkSamples || rays_ == kChunkRays) flush();
@@ -143,15 +147,21 @@ class TileRenderer {
     }
   }
 
+  float spread_of(const Vec3& p, float t, const PixelState& state) const {
+    return cone_spread(state.radius, static_cast<float>(state.start) + t, field_.grid_scale(p));
+  }
+
   void add_part(const PixelState& state, const Vec3& d, int from, int take, bool last) {
     constexpr int64_t lr = kChunkRays;
     float* delta = chunk_.data(tape_.delta);
     for (int i = 0; i < take; ++i) {
       const size_t s = static_cast<size_t>(from + i);
-      const Vec3 g = field_.grid_position(sampler_.entry() + d * samples_.t[s]);
+      const Vec3 p = sampler_.entry() + d * samples_.t[s];
+      const Vec3 g = field_.grid_position(p);
       const size_t at = static_cast<size_t>(samples_used_ + i);
       x_[at] = g.x;
       y_[at] = g.y;
+      if (field_.options.antialias) spread_[at] = spread_of(p, samples_.t[s], state);
       z_[at] = g.z;
       t_[at] = samples_.t[s];
       delta[at] = samples_.delta[s];
@@ -177,8 +187,9 @@ class TileRenderer {
     chunk_.samples = samples_used_;
     chunk_.rays = rays_;
     chunk_.ray_begin = ray_begin_.data();
-    encode(field_, x_.data(), y_.data(), z_.data(), samples_used_, chunk_.data(tape_.features),
-           chunk_.stride(tape_.features));
+    encode(field_, x_.data(), y_.data(), z_.data(),
+           field_.options.antialias ? spread_.data() : nullptr, samples_used_,
+           chunk_.data(tape_.features), chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
     const float* density = chunk_.data(tape_.density);
     statistics_.density_evaluations += samples_used_;
@@ -263,6 +274,7 @@ class TileRenderer {
   RaySampler sampler_;
   RaySamples samples_;
   AlignedArray<float> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
+  AlignedArray<float> spread_{kChunkSamples};
   std::vector<float> t_;
   std::vector<int32_t> ray_begin_;
   PixelState states_[kChunkRays], carried_;
@@ -277,17 +289,9 @@ class TileRenderer {
   RenderStatistics statistics_;
 };
 
-}  // namespace
-
-Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
-             const RenderOptions& options, ThreadPool& pool,
-             const std::function<void(double)>& progress, const Cancel* cancel) {
-  if (!radiance.is_grid())
-    return internal::render_network(radiance.network(), radiance.info(),
-                                    options.unclipped ? nullptr : radiance.baked(), camera,
-                                    camera_to_world, options, pool, progress, cancel);
-  const GridField& field = radiance.grid();
-  const ModelInfo& info = radiance.info();
+Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& camera,
+                  const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+                  const std::function<void(double)>& progress, const Cancel* cancel) {
   NERF_CHECK(camera.width > 0 && camera.height > 0);
   const Pose pose = info.to_engine.apply(camera_to_world);
   const auto box = oblique_box(info.to_engine, options.bbox);
@@ -328,6 +332,25 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
     frame.statistics.colour_evaluations += renderer->statistics().colour_evaluations;
   }
   return frame;
+}
+
+}  // namespace
+
+Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
+             const RenderOptions& options, ThreadPool& pool,
+             const std::function<void(double)>& progress, const Cancel* cancel) {
+  const ModelInfo& info = radiance.info();
+  if (!radiance.is_grid())
+    return internal::render_network(radiance.network(), info,
+                                    options.unclipped ? nullptr : radiance.baked(), camera,
+                                    camera_to_world, options, pool, progress, cancel);
+  NERF_CHECK(options.supersample >= 0 && options.supersample <= kMostSupersampling);
+  const int n = options.supersample > 0 ? options.supersample
+                                        : automatic_supersampling(info, camera, camera_to_world);
+  const Frame frame = render_grid(
+      radiance.grid(), info, n > 1 ? camera.scaled_to(n * camera.width, n * camera.height) : camera,
+      camera_to_world, options, pool, progress, cancel);
+  return n > 1 ? internal::reduced(frame, n) : frame;
 }
 
 }  // namespace nerf

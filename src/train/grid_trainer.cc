@@ -37,7 +37,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       field(o.grid, s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true, static_cast<float>(o.huber_delta)),
-      errors(p, s.train, static_cast<float>(o.error_guidance)),
+      errors(p, source.views(), static_cast<float>(o.error_guidance)),
       maker(source, errors, field, t),
       batch(std::max(1, o.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
@@ -111,6 +111,9 @@ StepReport GridTrainer::step() {
                         batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
                         batch.samples[static_cast<size_t>(c)],
                         features.data() + (c * level_count + l) * kGridFeatures * ld, ld);
+      if (field.options.antialias)
+        fade_level(level, batch.spread.data() + at, batch.samples[static_cast<size_t>(c)],
+                   features.data() + (c * level_count + l) * kGridFeatures * ld, ld);
     }
   });
   lap.into(profile.encode);
@@ -226,6 +229,9 @@ void GridTrainer::scatter() {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     for (int64_t c = 0; c < batch.chunks; ++c) {
       const int64_t at = c * ld;
+      if (field.options.antialias)
+        fade_level(level, batch.spread.data() + at, batch.samples[static_cast<size_t>(c)],
+                   d_features.data() + (c * levels + l) * kGridFeatures * ld, ld);
       hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
                          batch.samples[static_cast<size_t>(c)],
                          d_features.data() + (c * levels + l) * kGridFeatures * ld, ld,

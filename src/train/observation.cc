@@ -67,7 +67,7 @@ void GridTrainer::refresh_occupancy() {
   constexpr int64_t kBlock = kChunkSamples;
   pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    alignas(64) float x[kBlock], y[kBlock], z[kBlock];
+    alignas(64) float x[kBlock], y[kBlock], z[kBlock], spread[kBlock];
     int32_t cascade[kBlock];
     int64_t cell[kBlock];
     int n = 0;
@@ -94,7 +94,10 @@ void GridTrainer::refresh_occupancy() {
     std::fill(x + n, x + round_up(n, kLane), 0.5f);
     std::fill(y + n, y + round_up(n, kLane), 0.5f);
     std::fill(z + n, z + round_up(n, kLane), 0.5f);
-    encode(field, x, y, z, n, chunk.data(tape.features), chunk.stride(tape.features));
+    // As wide as the pixels' cones are in the mean: finer detail than that was never seen.
+    std::fill(spread, spread + kBlock, batch.mean_spread);
+    encode(field, x, y, z, field.options.antialias ? spread : nullptr, n, chunk.data(tape.features),
+           chunk.stride(tape.features));
     chunk.weights = field.weights.data();
     chunk.samples = n;
     chunk.rays = 0;

@@ -9,8 +9,10 @@
 
 namespace nerf {
 
-PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
-    : photos_(photos), views_(scene.train), near_(scene.near) {
+PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, bool reduced)
+    : photos_(photos), near_(scene.near) {
+  for (const int v : scene.train)
+    if (reduced || scene.views[static_cast<size_t>(v)].scale == 1) views_.push_back(v);
   pixels_before_.push_back(0);
   double weight = 0;
   for (int v : views_) {
@@ -105,6 +107,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   x = AlignedArray<float>(n);
   y = AlignedArray<float>(n);
   z = AlignedArray<float>(n);
+  spread = AlignedArray<float>(n);
   delta = AlignedArray<float>(n);
   cell = AlignedArray<int32_t>(n);
   cell_width = AlignedArray<float>(n);
@@ -131,7 +134,8 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
                                int thread) {
   constexpr float kUncachedShare = 1.0f / 16;  // of rays, which ignore the cached density
   Block& block = blocks_[static_cast<size_t>(index)];
-  for (auto* v : {&block.x, &block.y, &block.z, &block.delta, &block.cell_width}) v->clear();
+  for (auto* v : {&block.x, &block.y, &block.z, &block.spread, &block.delta, &block.cell_width})
+    v->clear();
   block.cell.clear();
   RaySampler& sampler = samplers_[static_cast<size_t>(thread)];
   RaySamples& samples = scratch_[static_cast<size_t>(thread)];
@@ -163,12 +167,20 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.block_begin = static_cast<int>(block.x.size());
     record.count = sampler.sample(pixel.ray, &random, follow_cache, samples);
     const Vec3 d = pixel.ray.direction.cast<float>();
+    const float radius =
+        field_.options.antialias
+            ? static_cast<float>(pixel_cone_radius(*pixel.camera, {pixel.x + 0.5, pixel.y + 0.5}))
+            : 0.0f;
     for (int s = 0; s < record.count; ++s) {
       const Vec3 p = sampler.entry() + d * samples.t[static_cast<size_t>(s)];
       const Vec3 g = field_.grid_position(p);
       block.x.push_back(g.x);
       block.y.push_back(g.y);
       block.z.push_back(g.z);
+      const float distance =
+          static_cast<float>(sampler.start()) + samples.t[static_cast<size_t>(s)];
+      block.spread.push_back(radius > 0 ? cone_spread(radius, distance, field_.grid_scale(p))
+                                        : 0.0f);
       block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
       const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
       block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
@@ -188,6 +200,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.x, batch.x);
     copy(block.y, batch.y);
     copy(block.z, batch.z);
+    copy(block.spread, batch.spread);
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);
@@ -252,15 +265,20 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, float sample
   close();
   pool_.parallel_for(blocks,
                      [&](int64_t b) { copy_block(blocks_[static_cast<size_t>(b)], batch); });
+  double spread = 0;
   for (int c = 0; c < batch.chunks; ++c) {
     const size_t at = static_cast<size_t>(c) * kChunkSamples;
     const size_t used = static_cast<size_t>(batch.samples[static_cast<size_t>(c)]);
     const size_t padded = static_cast<size_t>(round_up(static_cast<int64_t>(used), kLane));
     for (size_t s = at + used; s < at + padded; ++s) {
       batch.x[s] = batch.y[s] = batch.z[s] = 0.5f;
-      batch.delta[s] = 0;
+      batch.spread[s] = batch.delta[s] = 0;
     }
+    if (field_.options.antialias)
+      for (size_t s = at; s < at + used; ++s) spread += static_cast<double>(batch.spread[s]);
   }
+  batch.mean_spread =
+      static_cast<float>(spread / static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
 }
 
 }  // namespace nerf

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "nerf/base/aligned.h"
@@ -18,7 +19,8 @@ namespace nerf {
 // Training pixels and their rays in engine coordinates.
 class PixelSource {
  public:
-  PixelSource(const Scene& scene, const PhotoSet& photos);
+  // With `reduced`, photos at smaller scales too (View::scale).
+  PixelSource(const Scene& scene, const PhotoSet& photos, bool reduced);
 
   struct Pixel {
     Ray ray;
@@ -37,7 +39,8 @@ class PixelSource {
   // A pixel of the i-th training photo, from the middle `share` of its width and height.
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
   size_t photos() const { return views_.size(); }
-  double mean_weight() const { return mean_weight_; }  // over all pixels
+  std::span<const int> views() const { return views_; }  // of the scene, photo by photo
+  double mean_weight() const { return mean_weight_; }    // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
   // second reads colour and mask.
@@ -65,6 +68,7 @@ struct RayBatch {
   int max_chunks;
   int chunks = 0;
   AlignedArray<float> x, y, z;  // grid coordinates, [0, 1]
+  AlignedArray<float> spread;   // of the pixel's cone, see cone_spread(); GridOptions::antialias
   AlignedArray<float> delta;
   AlignedArray<int32_t> cell;  // occupancy cell: cascade * cells() + cell
   AlignedArray<float> cell_width;
@@ -76,6 +80,7 @@ struct RayBatch {
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
+  float mean_spread = 0;  // over the samples
   struct EmptyRay {
     int32_t tile;
     float squared_error;  // summed over channels
@@ -106,7 +111,7 @@ class RayBatchMaker {
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
   struct Block {
-    std::vector<float> x, y, z, delta, cell_width;
+    std::vector<float> x, y, z, spread, delta, cell_width;
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };

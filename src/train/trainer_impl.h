@@ -14,7 +14,12 @@ namespace nerf {
 struct TrainerImpl {
   TrainerImpl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool)
-      : scene(scene), photos(photos), options(options), pool(pool), source(scene, photos) {}
+      : scene(scene),
+        photos(photos),
+        options(options),
+        pool(pool),
+        // To a field of points a reduced photo tells nothing that the full one does not.
+        source(scene, photos, options.method != kGridMethod || options.grid.antialias) {}
   virtual ~TrainerImpl() = default;
 
   virtual StepReport step() = 0;

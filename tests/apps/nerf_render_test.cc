@@ -104,7 +104,7 @@ TEST_F(NerfRender, EveryKindOfViews) {
     const std::string last = kind == "train" ? "right/img5.png" : kind + "_0002.png";
     EXPECT_EQ(read_image_8bit(fs::path(out_) / last).width, 12) << kind;
   }
-  EXPECT_EQ(pictures().size(), 4u + 4 * 3);
+  EXPECT_EQ(pictures().size(), 4u + 5 * 3);
 }
 
 TEST_F(NerfRender, CameraPathFile) {

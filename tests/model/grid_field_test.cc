@@ -136,6 +136,65 @@ TEST(GridTape, PartialForwardsAndWeights) {
   });
 }
 
+// What a Gaussian leaves of a resolution: all of it where the Gaussian is a point, nothing where it
+// is far wider than a cell, in between nearly erf(1 / (sqrt(8) sigma n)).
+TEST(GridField, WideConesFadeFineResolutions) {
+  GridOptions options = small_options(1, 1);
+  options.levels = 4;
+  options.antialias = true;
+  const GridField field(options, false, 1);
+  Random random(94, 0, 0);
+  constexpr int kSamples = 37;
+  AlignedArray<float> spread(64);
+  for (int i = 0; i < kSamples; ++i)
+    spread[static_cast<size_t>(i)] = i < 2 ? 0.0f : std::exp2(-14 + 0.4f * static_cast<float>(i));
+  for (const HashGridLevel& level : field.shape.levels) {
+    const Matrix before(kGridFeatures, kSamples, random, -1, 1);
+    Matrix after = before;
+    fade_level(level, spread.data(), kSamples, after.data.data(), after.ld);
+    after.expect_untouched_beyond_padding();
+    float last = 1;
+    for (int i = 0; i < kSamples; ++i) {
+      const double s = static_cast<double>(spread[static_cast<size_t>(i)]);
+      const double x = 1 / (std::sqrt(8.0) * s * static_cast<double>(level.scale));
+      const double want = std::sqrt(-std::expm1(-4 * x * x / 3.14159265358979));
+      for (int f = 0; f < kGridFeatures; ++f) {
+        const double got = static_cast<double>(after.at(f, i));
+        const double all = static_cast<double>(before.at(f, i));
+        EXPECT_NEAR(got, want * all, 8 * kRoundoff * std::fabs(all)) << s;
+        EXPECT_NEAR(got, std::erf(x) * all, 0.0065 * std::fabs(all)) << s;
+      }
+      const float share = after.at(0, i) / before.at(0, i);
+      EXPECT_LE(share, last * 1.000001f);
+      last = share;
+    }
+    EXPECT_EQ(after.at(0, 0), before.at(0, 0));
+    EXPECT_LT(last, 0.15f);
+  }
+}
+
+// Lengths at a point of contracted space, against the change of a small volume there.
+TEST(GridField, ScaleIsThatOfTheVolume) {
+  for (const bool unbounded : {false, true}) {
+    const GridField field(small_options(1, 1), unbounded, 1);
+    for (const Vec3& p : {Vec3{0.3f, -0.5f, 0.1f}, {0.9f, 1.1f, -0.4f}, {-7, 3, 2}, {0, 0, 40}}) {
+      constexpr double h = 1e-3;
+      Mat3d change;
+      for (int i = 0; i < 3; ++i) {
+        Vec3d a = p.cast<double>(), b = a;
+        const double step = h * std::max(1.0, length(a));
+        a[i] -= step;
+        b[i] += step;
+        const auto place = [&](const Vec3d& q) { return unbounded ? contract(q) * 0.25 : q * 0.5; };
+        change.set_column(i, (place(b) - place(a)) / (2 * step));
+      }
+      const double volume = dot(cross(change.column(0), change.column(1)), change.column(2));
+      EXPECT_NEAR(static_cast<double>(field.grid_scale(p)), std::cbrt(volume),
+                  1e-4 * std::cbrt(volume));
+    }
+  }
+}
+
 TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
   GridOptions options = small_options(1, 1);
   options.levels = 4;
@@ -147,7 +206,7 @@ TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
   for_each_target([&](const std::string&) {
     Matrix features(field.shape.features(), 37);
     encode(field, places.data.data(), places.data.data() + places.ld,
-           places.data.data() + 2 * places.ld, 37, features.data.data(), features.ld);
+           places.data.data() + 2 * places.ld, nullptr, 37, features.data.data(), features.ld);
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
       const auto begin = field.table.begin() + level.offset * kGridFeatures;

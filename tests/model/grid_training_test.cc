@@ -104,7 +104,7 @@ struct TinyRun {
     chunk.loss = 0;
     fill_inputs(stream, n);
     const int64_t ld = chunk.stride(tape.features);
-    encode(field, x, y, z, n, chunk.data(tape.features), ld);
+    encode(field, x, y, z, nullptr, n, chunk.data(tape.features), ld);
     tape.tape.forward(chunk);
     tape.tape.backward(chunk);
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {

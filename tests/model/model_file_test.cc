@@ -197,7 +197,7 @@ TEST(ModelFile, HeadersOfOtherProgramsAreChecked) {
   EXPECT_TRUE(contains(reading_with("\"near\":0.01", "\"near\":null"), "near: expected a number"));
   EXPECT_TRUE(contains(reading_with("\"near\":0.01", "\"near\":1e999"), "not valid JSON"));
   EXPECT_TRUE(contains(reading_with("\"method\":\"grid\"", "\"method\":\"nerf\""),
-                       "options: base_resolution: unknown option"));
+                       "unknown option (known: cast"));
   EXPECT_TRUE(contains(reading_with("\"RADIAL\"", "\"RADIO\""), "views[0]: camera: model"));
   EXPECT_TRUE(contains(reading_with("\"width\":34", "\"width\":0"), "views[1]: camera: width"));
   EXPECT_TRUE(contains(reading_with("[0.0,-1.0,0.0,", "[0.0,-1.5,0.0,"), "is not a rotation"));

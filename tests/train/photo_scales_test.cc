@@ -117,7 +117,7 @@ TEST(PhotoScales, TooSmallPhotosAreAnError) {
 // Drawn as often as there are pixels, weighing their area: all scales count alike.
 TEST(PhotoScales, EveryScaleWeighsTheSame) {
   const auto c = scaled_capture(3);
-  const PixelSource source(c.scene, c.photos);
+  const PixelSource source(c.scene, c.photos, true);
   EXPECT_NEAR(source.mean_weight(), 3 / (1 + 0.25 + 0.0625), 1e-6);
   std::map<float, double> weight;
   constexpr int kDraws = 200000;
@@ -127,6 +127,7 @@ TEST(PhotoScales, EveryScaleWeighsTheSame) {
     ASSERT_TRUE(source.draw(random, pixel));
     weight[pixel.weight] += static_cast<double>(pixel.weight);
   }
+  EXPECT_EQ(PixelSource(c.scene, c.photos, false).photos(), source.photos() / 3);
   ASSERT_EQ(weight.size(), 3u);
   for (const auto& [each, sum] : weight) {
     // A binomial count with a share of pixels p: its standard deviation, times the weight.
@@ -140,30 +141,33 @@ TEST(PhotoScales, EveryScaleWeighsTheSame) {
 TEST(PhotoScales, AreTrainedOnAndMeasuredApart) {
   auto c = scaled_capture(2);
   ThreadPool pool(2);
-  for (const char* method : {"grid", "mipnerf"}) {
-    TrainOptions options = test::tiny_options(150);
-    if (std::string(method) != kGridMethod) {
-      options.method = method;
-      options.network.width = options.network.proposal_width = options.network.bottleneck = 16;
-      options.network.depth = options.network.proposal_depth = 2;
-      options.recipe.rays = 64;
-      options.steps = 3;
+  for (const bool antialias : {false, true})
+    for (const char* method : {"grid", "mipnerf"}) {
+      TrainOptions options = test::tiny_options(150);
+      options.grid.antialias = antialias;
+      if (std::string(method) != kGridMethod) {
+        options.method = method;
+        options.network.width = options.network.proposal_width = options.network.bottleneck = 16;
+        options.network.depth = options.network.proposal_depth = 2;
+        options.recipe.rays = 64;
+        options.steps = 3;
+      }
+      Trainer trainer(c.scene, c.photos, options, pool);
+      trainer.run({});
+      const RadianceField field = trainer.snapshot();
+      EXPECT_EQ(field.info().views.size(), c.scene.views.size() / 2)
+          << "a path through each camera";
+      const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
+      ASSERT_EQ(e.scales.size(), 2u);
+      double sum = 0;
+      for (size_t s = 0; s < 2; ++s) {
+        EXPECT_EQ(e.scales[s].scale, 1 << s);
+        EXPECT_EQ(e.scales[s].counted, static_cast<int>(c.scene.test.size()) / 2);
+        sum += e.scales[s].psnr;
+      }
+      EXPECT_NEAR(sum / 2, e.psnr, 1e-9);
+      EXPECT_GT(e.psnr, options.method == kGridMethod ? 15 : 3);  // a white picture has 11 dB
     }
-    Trainer trainer(c.scene, c.photos, options, pool);
-    trainer.run({});
-    const RadianceField field = trainer.snapshot();
-    EXPECT_EQ(field.info().views.size(), c.scene.views.size() / 2) << "a path through each camera";
-    const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
-    ASSERT_EQ(e.scales.size(), 2u);
-    double sum = 0;
-    for (size_t s = 0; s < 2; ++s) {
-      EXPECT_EQ(e.scales[s].scale, 1 << s);
-      EXPECT_EQ(e.scales[s].counted, static_cast<int>(c.scene.test.size()) / 2);
-      sum += e.scales[s].psnr;
-    }
-    EXPECT_NEAR(sum / 2, e.psnr, 1e-9);
-    EXPECT_GT(e.psnr, options.method == kGridMethod ? 15 : 3);  // a white picture has 11 dB
-  }
 }
 
 }  // namespace

@@ -28,6 +28,7 @@ struct GridOptions {
   int colour_layers = 2;
   int geometry_features = 16;
   int occupancy_side = 0;
+  bool antialias = false;
   SamplerOptions sampler;
 
   template <class V>
@@ -51,6 +52,9 @@ struct GridOptions {
       "has "
       "bounds, else 128",
       at_least(0), at_most(OccupancyGrid::kMostSide));
+    v("antialias", antialias,
+      "fades resolutions out that a pixel's cone is wider than, so that one model fits pictures of "
+      "several sizes (see --scales)");
     v("max_samples", sampler.max_samples, "most network samples of a ray", at_least(2),
       at_most(240));
     v("min_samples", sampler.min_samples, "fewest network samples of a ray that meets matter",
@@ -92,6 +96,8 @@ struct GridField {
   // Position of p (engine coordinates) on the hash grid, [0, 1]^3: the box [-1, 1]^3, or contracted
   // space's [-2, 2]^3 where the scene is unbounded.
   Vec3 grid_position(const Vec3& p) const;
+  // How long something of unit length at p is there: the cube root of the volume's change.
+  float grid_scale(const Vec3& p) const;
 };
 
 // A chunk of samples of one network call.
@@ -126,9 +132,22 @@ struct GridTape {
   size_t density_operations_ = 0, field_operations_ = 0;
 };
 
-// Encodes a chunk's positions (grid coordinates) at every level: features [4 L x ld]. x, y and z
-// are read up to the next multiple of kLane.
-void encode(const GridField& field, const float* x, const float* y, const float* z, int64_t n,
-            float* features, int64_t ld);
+// Standard deviation, in grid units, of the Gaussian that a pixel's cone is around a sample:
+// `radius` is the cone's at distance 1 (pixel_cone_radius), `scale` the field's grid_scale() there.
+inline float cone_spread(float radius, float distance, float scale) {
+  return 0.5f * radius * distance * scale;
+}
+
+// Multiplies a level's features (or their gradients) by what is left of them in the mean over a
+// Gaussian of this standard deviation [n, up to kChunkSamples]: erf(1 / (sqrt(8) spread n)), n the
+// cells per unit (Barron et al. 2023, equation 10), with erf(x) ~ sqrt(1 - exp(-4 x^2 / pi)) as in
+// the authors' code.
+void fade_level(const HashGridLevel& level, const float* spread, int64_t n, float* features,
+                int64_t ld);
+
+// Encodes a chunk's positions (grid coordinates) at every level: features [4 L x ld]. x, y, z and
+// spread, which may be null (0 everywhere), are read up to the next multiple of kLane.
+void encode(const GridField& field, const float* x, const float* y, const float* z,
+            const float* spread, int64_t n, float* features, int64_t ld);
 
 }  // namespace nerf

@@ -15,6 +15,9 @@
 namespace nerf {
 
 class RadianceField;
+struct ModelInfo;
+
+inline constexpr int kMostSupersampling = 8;
 
 struct RenderOptions {
   Vec3 background{1, 1, 1};         // sRGB; seen where alpha < 1
@@ -24,6 +27,9 @@ struct RenderOptions {
   float min_transmittance = 1e-6f;  // a ray stops where the cached density lets less through
   float unshaded = 1.0f / 1024;     // share of a pixel's light whose colour may be left out
   Precision precision = Precision::kAuto;  // of the networks' products
+  // Rays along a pixel's side, averaged; 0: so many that none is wider than the median pixel of the
+  // photos trained on, at most kMostSupersampling. Grid method; the paper methods cast one.
+  int supersample = 0;
   float sample_factor = 1.5f;  // network samples of a ray, against those of the last steps
 };
 
@@ -42,6 +48,10 @@ struct Frame {
   std::vector<float> depth_z;  // median depth along the optical axis, input unit; 0 where nothing
   RenderStatistics statistics{};
 };
+
+// What RenderOptions::supersample 0 stands for.
+int automatic_supersampling(const ModelInfo& info, const Camera& camera,
+                            const Pose& camera_to_world);
 
 // Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates,
 // OpenCV axes. `progress` gets the fraction done in [0, 1], from one thread at a time. Throws
