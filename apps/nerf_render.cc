@@ -74,8 +74,10 @@ int render_main(int argc, char** argv) {
   options.precision = command.precision;
   options.supersample = command.supersample;
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
-                                        const std::function<void(double)>& progress) {
-    return render(field, camera, camera_to_world, options, pool, progress, &stop.cancel());
+                                        bool preview, const std::function<void(double)>& progress) {
+    RenderOptions own = options;
+    if (preview) own.supersample = 1;
+    return render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
   };
   Progress progress("rendering");
   const RenderedFiles files = render_frames(plan, command.out, render_one, progress, stop.cancel());

@@ -17,6 +17,7 @@ namespace fs = std::filesystem;
 
 constexpr int kPreviews = 5;
 constexpr int kPreviewDivisor = 8;
+constexpr int kLeastPreview = 48;  // pixels of the shorter side, where the picture has them
 
 DepthRange preview_depth(const RenderPlan& plan, const RenderFunction& render) {
   const int frames = static_cast<int>(plan.frames.size());
@@ -25,9 +26,11 @@ DepthRange preview_depth(const RenderPlan& plan, const RenderFunction& render) {
   for (int i = 0; i < previews; ++i) {
     const PlannedFrame& frame = plan.frames[static_cast<size_t>(i) * static_cast<size_t>(frames) /
                                             static_cast<size_t>(previews)];
-    const Camera small = frame.camera.scaled_to(std::max(1, frame.camera.width / kPreviewDivisor),
-                                                std::max(1, frame.camera.height / kPreviewDivisor));
-    const Frame picture = render(small, frame.camera_to_world, {});
+    const int side = std::min(frame.camera.width, frame.camera.height);
+    const int divisor = std::clamp(side / kLeastPreview, 1, kPreviewDivisor);
+    const Camera small = frame.camera.scaled_to(std::max(1, frame.camera.width / divisor),
+                                                std::max(1, frame.camera.height / divisor));
+    const Frame picture = render(small, frame.camera_to_world, /*preview=*/true, {});
     ranges.push_back(depth_range(picture.depth_z, picture.alpha));
   }
   return merged(ranges);
@@ -60,9 +63,10 @@ RenderedFiles render_frames(const RenderPlan& plan, const fs::path& out,
       if (cancel.requested()) throw Cancelled();
       const PlannedFrame& frame = plan.frames[i];
       const std::string text = fmt::format("{}/{} {}", i + 1, plan.frames.size(), frame.name);
-      const Frame picture = render(frame.camera, frame.camera_to_world, [&](double fraction) {
-        progress.update((static_cast<double>(i) + fraction) / count, text);
-      });
+      const Frame picture =
+          render(frame.camera, frame.camera_to_world, /*preview=*/false, [&](double fraction) {
+            progress.update((static_cast<double>(i) + fraction) / count, text);
+          });
       if (depth) {
         folders.make((out / frame.depth).parent_path());
         write_image(out / frame.depth, depth_image(picture.width, picture.height, picture.depth_z,

@@ -13,9 +13,11 @@
 
 namespace nerf::apps {
 
-// As nerf::render with everything but camera and pose already given: throws Cancelled.
-using RenderFunction = std::function<Frame(const Camera& camera, const Pose& camera_to_world,
-                                           const std::function<void(double)>& progress)>;
+// As nerf::render with everything but camera and pose already given: throws Cancelled. A preview
+// takes one ray per pixel.
+using RenderFunction =
+    std::function<Frame(const Camera& camera, const Pose& camera_to_world, bool preview,
+                        const std::function<void(double)>& progress)>;
 
 struct RenderedFiles {
   std::vector<std::filesystem::path> color;  // written, whole, in the plan's order

@@ -1,5 +1,6 @@
 // What the kernels of linear layers share on each target: the size of their register blocks.
-// Highway's pattern for headers that are compiled once per target.
+// Highway's pattern for headers that are compiled once per target; without functions, which alone
+// would need its attributes.
 #if defined(NERF_KERNELS_LINEAR_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef NERF_KERNELS_LINEAR_BLOCKS_INL_H_
 #undef NERF_KERNELS_LINEAR_BLOCKS_INL_H_
@@ -9,7 +10,6 @@
 
 #include <hwy/highway.h>
 
-HWY_BEFORE_NAMESPACE();
 namespace nerf {
 namespace HWY_NAMESPACE {
 
@@ -41,6 +41,5 @@ constexpr int kWide = 96;
 
 }  // namespace HWY_NAMESPACE
 }  // namespace nerf
-HWY_AFTER_NAMESPACE();
 
 #endif  // per-target include guard
