@@ -60,17 +60,19 @@ TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
   const fs::path out = folder.path() / "new" / "out";
   Progress progress = silent();
   const Cancel cancel;
-  int full_size = 0;
+  int previews = 0, frames = 0;
   const auto files = render_frames(
       plan_of({"a.png", "s/b.png", "c.png"}), out,
-      [&](const Camera& camera, const Pose& pose, const std::function<void(double)>& report) {
-        full_size += camera.width >= 16;
+      [&](const Camera& camera, const Pose& pose, bool preview,
+          const std::function<void(double)>& report) {
+        ++(preview ? previews : frames);
         if (report) report(0.5);
         return flat_frame(camera, pose);
       },
       progress, cancel);
   EXPECT_FALSE(files.cancelled);
-  EXPECT_EQ(full_size, 3) << "the depth's range comes from small pictures";
+  EXPECT_EQ(frames, 3);
+  EXPECT_EQ(previews, 3) << "the depth's range comes from pictures of its own";
   EXPECT_EQ(files.color, (std::vector<fs::path>{out / "a.png", out / "s/b.png", out / "c.png"}));
   EXPECT_EQ(tree(out), (std::vector<std::string>{"a.png", "c.png", "depth/a.png", "depth/c.png",
                                                  "depth/s/b.png", "s/b.png"}));
@@ -95,7 +97,7 @@ TEST(RenderFrames, WithoutDepthOnlyColour) {
   int calls = 0;
   render_frames(
       plan_of({"a.png", "b.png"}, false), folder.path(),
-      [&](const Camera& camera, const Pose& pose, const std::function<void(double)>&) {
+      [&](const Camera& camera, const Pose& pose, bool, const std::function<void(double)>&) {
         ++calls;
         return flat_frame(camera, pose);
       },
@@ -112,8 +114,9 @@ TEST(RenderFrames, AStopLeavesWholeFramesOnly) {
     int frame = 0;
     const auto files = render_frames(
         plan_of({"a.png", "b.png", "c.png"}), folder.path(),
-        [&](const Camera& camera, const Pose& pose, const std::function<void(double)>&) {
-          if (camera.width >= 16 && ++frame == 2) {
+        [&](const Camera& camera, const Pose& pose, bool preview,
+            const std::function<void(double)>&) {
+          if (!preview && ++frame == 2) {
             cancel.request();
             if (thrown) throw Cancelled();  // in mid-frame
           }
@@ -134,7 +137,7 @@ TEST(RenderFrames, UnwritableFoldersAreErrors) {
   const auto run = [&](const RenderPlan& plan, const fs::path& out) {
     render_frames(
         plan, out,
-        [](const Camera& camera, const Pose& pose, const std::function<void(double)>&) {
+        [](const Camera& camera, const Pose& pose, bool, const std::function<void(double)>&) {
           return flat_frame(camera, pose);
         },
         progress, cancel);
@@ -152,7 +155,7 @@ TEST(RenderFrames, ProgressGoesFromFrameToFrame) {
   const Cancel cancel;
   render_frames(
       plan_of({"a.png", "b.png"}, false), folder.path(),
-      [&](const Camera& camera, const Pose& pose, const std::function<void(double)>& report) {
+      [&](const Camera& camera, const Pose& pose, bool, const std::function<void(double)>& report) {
         report(0.5);
         return flat_frame(camera, pose);
       },
