@@ -79,6 +79,13 @@ int render_main(int argc, char** argv) {
     if (preview) own.supersample = 1;
     return render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
   };
+  const PlannedFrame& first = plan.frames.front();
+  const int rays = automatic_supersampling(field.info(), first.camera, first.camera_to_world);
+  if (field.is_grid() && command.supersample == 0 && rays > 1)
+    log_info(
+        fmt::format("pixels are wider than those of the photos: each averages {} x {} rays "
+                    "(--supersample 1 takes one, faster)",
+                    rays, rays));
   Progress progress("rendering");
   const RenderedFiles files = render_frames(plan, command.out, render_one, progress, stop.cancel());
   progress.finish();

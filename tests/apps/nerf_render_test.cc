@@ -91,6 +91,24 @@ TEST_F(NerfRender, TestViewsKeepTheirNames) {
   EXPECT_EQ(result.out, "");
 }
 
+// Pictures smaller than the photos do not alias, unless one ray per pixel is asked for.
+TEST_F(NerfRender, SmallPicturesAverageRays) {
+  const auto small = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {run_, "-o", out_, "--no-depth", "--downscale", "2"});
+    const ProgramResult result = render_program(more);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    const bool said = result.err.find("averages 2 x 2 rays") != std::string::npos;
+    return std::pair(said, read_image_8bit(fs::path(out_) / "left/img0.png").pixels);
+  };
+  const auto usual = small({}), two = small({"--supersample", "2"}),
+             one = small({"--supersample", "1"});
+  EXPECT_TRUE(usual.first);
+  EXPECT_FALSE(two.first || one.first);
+  EXPECT_EQ(usual.second, two.second);
+  EXPECT_NE(usual.second, one.second);
+  refused({run_, "-o", out_, "--supersample", "9"}, {"--supersample"});
+}
+
 TEST_F(NerfRender, EveryKindOfViews) {
   for (const std::string kind :
        {"train", "orbit", "spiral", "spherified", "ellipse", "interpolate"}) {
