@@ -234,8 +234,12 @@ void add_curve(CameraPath& path, const ModelInfo& info, const PoseCurve& curve,
 void add_interpolation(CameraPath& path, const ModelInfo& info, int frames) {
   auto views = training_views(info);
   const bool timed = has_times(info);
-  std::stable_sort(views.begin(), views.end(), [&](const ModelView* a, const ModelView* b) {
+  const auto before = [&](const ModelView* a, const ModelView* b) {
     return timed ? a->time < b->time : natural_less(a->name, b->name);
+  };
+  // Equal ones in the model's order, which is that of their addresses.
+  std::sort(views.begin(), views.end(), [&](const ModelView* a, const ModelView* b) {
+    return before(a, b) || (!before(b, a) && a < b);
   });
   const Rig rig = make_rig(info);
   std::vector<Pose> keys;
