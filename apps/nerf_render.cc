@@ -80,8 +80,8 @@ int render_main(int argc, char** argv) {
     return render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
   };
   const PlannedFrame& first = plan.frames.front();
-  const int rays = automatic_supersampling(field.info(), first.camera, first.camera_to_world);
-  if (field.is_grid() && command.supersample == 0 && rays > 1)
+  const int rays = rays_per_side(field, options, first.camera, first.camera_to_world);
+  if (command.supersample == 0 && rays > 1)
     log_info(
         fmt::format("pixels are wider than those of the photos: each averages {} x {} rays "
                     "(--supersample 1 takes one, faster)",

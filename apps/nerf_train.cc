@@ -181,7 +181,7 @@ class Training {
     EvaluationOptions options;
     options.max_views = last ? 0 : command_.eval_views;
     options.pictures = folder_.pictures();
-    options.precision = command_.train.precision;
+    options.precision = trainer_.options().precision;
     Progress progress("evaluating");
     const Evaluation e = evaluate(
         trainer_.snapshot(), scene_, photos_, options, pool_,
@@ -265,17 +265,16 @@ int train_main(int argc, char** argv) {
   command = with_preset(command, line.given);
   check_given(command, line.given);
   const SignalCancel stop;
-  ThreadPool pool(command.threads);
-  log_machine("nerf_train", pool.size(), command.train.precision);
-
   if (command.out.empty()) command.out = default_run_folder(command.scene);
   RunFolder folder(command.out, command.resume, command.overwrite);
   complete(command, line.given, folder);
+  ThreadPool pool(command.threads);
+  log_machine("nerf_train", pool.size(), command.train.precision);
   Scene scene = read_scene(command, pool, stop);
   for (const std::string& warning : unused_options(command, line.given, scene.options.format))
     log_warning(warning);
   PhotoSet photos = decode(scene, pool, stop);
-  add_photo_scales(scene, photos, command.scales, pool);
+  add_photo_scales(scene, photos, command.scales, learns_from_reduced_photos(command.train), pool);
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();
 }

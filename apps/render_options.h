@@ -68,8 +68,7 @@ struct RenderCommand {
       metavar("RUN"));
     v("views", views,
       "what to show: test, train, orbit, spiral, spherified, ellipse, interpolate, or a camera "
-      "path in "
-      "nerfstudio's JSON format, in the input model's coordinates",
+      "path in nerfstudio's JSON format, in the input model's coordinates",
       metavar("VIEWS"));
     v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"));
     v("size", size, "size of the pictures; without it that of the photos");
@@ -84,8 +83,8 @@ struct RenderCommand {
     v("background", background, "sRGB colour behind the scene, each 0 to 1", at_least(0),
       at_most(1), metavar("R,G,B"));
     v("supersample", supersample,
-      "rays along a pixel's side, averaged; 0: so many that none is wider than a pixel of the "
-      "photos (grid method)",
+      "rays along a pixel's side, averaged; 0: with the grid method so many that none is wider "
+      "than a pixel of the photos, else one",
       at_least(0), at_most(kMostSupersampling));
     v("precision", precision,
       "operands of the networks' products; auto: bf16 where the processor is faster with it");

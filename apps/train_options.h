@@ -89,8 +89,8 @@ struct TrainCommand {
     v("holdout", holdout, "none trains on every photo and measures nothing");
     v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
     v("scales", scales,
-      "sizes of every photo that are trained on and measured, each half of the one before; a pixel "
-      "weighs its area",
+      "sizes of every photo that are measured, each half of the one before, and trained on where "
+      "the method sees how wide a pixel is; a pixel weighs its area",
       at_least(1), at_most(6));
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");

@@ -3,27 +3,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <span>
 #include <vector>
 
-#include "half.h"
 #include "nerf/base/error.h"
 #include "photo_plan.h"
+#include "photo_rows.h"
 #include "resample.h"
 
 namespace nerf {
 namespace {
-
-// Numbers in the form that `like` holds them.
-void store(const Photo& like, std::span<const float> values, size_t at, Photo& out) {
-  for (size_t i = 0; i < values.size(); ++i) {
-    if (like.pixels8.empty())
-      out.pixels16[at + i] = internal::float_to_half(values[i]);
-    else
-      out.pixels8[at + i] = static_cast<uint8_t>(std::clamp(values[i], 0.0f, 1.0f) * 255.0f + 0.5f);
-  }
-}
 
 std::vector<uint8_t> scaled_mask(const Photo& photo, int width, int height) {
   std::vector<uint8_t> mask(static_cast<size_t>(width) * static_cast<size_t>(height));
@@ -49,7 +40,6 @@ Photo scaled(const Photo& photo, int width, int height) {
   const size_t channels = static_cast<size_t>(photo.channels);
   const size_t count = static_cast<size_t>(width) * static_cast<size_t>(height) * channels;
   photo.pixels8.empty() ? out.pixels16.resize(count) : out.pixels8.resize(count);
-  std::vector<float> straight;
   internal::area_average(
       photo.width, photo.height, photo.channels,
       [&](int y, std::span<float> row) {
@@ -61,51 +51,48 @@ Photo scaled(const Photo& photo, int width, int height) {
         }
       },
       width, height,
-      [&](int y, std::span<const float> row) {
-        straight.assign(row.begin(), row.end());
-        for (size_t i = 0; channels == 4 && i < straight.size(); i += 4)
-          for (size_t c = 0; c < 3; ++c)
-            straight[i + c] = straight[i + 3] > 0 ? straight[i + c] / straight[i + 3] : 0;
-        store(photo, straight, static_cast<size_t>(y) * straight.size(), out);
-      });
+      [&](int y, std::span<const float> row) { internal::store_averaged_row(out, y, row); });
   if (!photo.mask.empty()) out.mask = scaled_mask(photo, width, height);
   return out;
 }
 
 }  // namespace
 
-void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, ThreadPool& pool) {
+void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, bool training, ThreadPool& pool) {
   const auto begin = std::chrono::steady_clock::now();
-  const size_t views = scene.views.size();
-  const std::vector<int> train = scene.train, test = scene.test;
+  const size_t full_views = scene.views.size();
+  std::vector<size_t> from;  // of each view added, the view that it is a smaller photo of
+  const auto add = [&](int v, int scale, std::vector<int>& split) {
+    View view = scene.views[static_cast<size_t>(v)];
+    const Photo& photo = photos.photos[static_cast<size_t>(v)];
+    const int width = internal::downscaled(photo.width, scale);
+    const int height = internal::downscaled(photo.height, scale);
+    if (std::min(width, height) < kLeastScaledSide)
+      throw Error(
+          fmt::format("a photo of {} x {} pixels has no scale 1/{}: a side would be below "
+                      "{} pixels",
+                      photo.width, photo.height, scale, kLeastScaledSide),
+          view.image_path.string(),
+          fmt::format("use --scales {} or less", std::bit_width(static_cast<unsigned>(scale)) - 1));
+    view.scale = scale;
+    view.name = fmt::format("scale{}/{}", scale, view.name);
+    photos.cameras.push_back(internal::camera_of_photo(photos.cameras[static_cast<size_t>(v)], view,
+                                                       photo.width, photo.height, width, height));
+    split.push_back(static_cast<int>(scene.views.size()));
+    scene.views.push_back(std::move(view));
+    from.push_back(static_cast<size_t>(v));
+  };
+  const std::vector<int> train = training ? scene.train : std::vector<int>(), test = scene.test;
   for (int s = 1; s < scales; ++s) {
-    const int scale = 1 << s;
-    const int first = static_cast<int>(views) * s;
-    for (const int v : train) scene.train.push_back(first + v);
-    for (const int v : test) scene.test.push_back(first + v);
-    for (size_t v = 0; v < views; ++v) {
-      View view = scene.views[v];
-      const Photo& photo = photos.photos[v];
-      const int width = internal::downscaled(photo.width, scale);
-      const int height = internal::downscaled(photo.height, scale);
-      if (std::min(width, height) < kLeastScaledSide)
-        throw Error(fmt::format("a photo of {} x {} pixels has no scale 1/{}: a side would be "
-                                "below {} pixels",
-                                photo.width, photo.height, scale, kLeastScaledSide),
-                    view.image_path.string(), fmt::format("use --scales {} or less", s));
-      view.scale = scale;
-      view.name = fmt::format("scale{}/{}", scale, view.name);
-      photos.cameras.push_back(internal::camera_of_photo(photos.cameras[v], view, photo.width,
-                                                         photo.height, width, height));
-      scene.views.push_back(std::move(view));
-    }
+    for (const int v : train) add(v, 1 << s, scene.train);
+    for (const int v : test) add(v, 1 << s, scene.test);
   }
   photos.photos.resize(scene.views.size());
-  pool.parallel_for(static_cast<int64_t>(scene.views.size() - views), [&](int64_t i) {
-    const size_t at = views + static_cast<size_t>(i);
+  pool.parallel_for(static_cast<int64_t>(from.size()), [&](int64_t i) {
+    const size_t at = full_views + static_cast<size_t>(i);
     const Camera& camera = photos.cameras[at];
     photos.photos[at] =
-        scaled(photos.photos[static_cast<size_t>(i) % views], camera.width, camera.height);
+        scaled(photos.photos[from[static_cast<size_t>(i)]], camera.width, camera.height);
   });
   photos.decode_seconds +=
       std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

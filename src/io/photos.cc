@@ -15,6 +15,7 @@
 #include "nerf/base/memory.h"
 #include "nerf/io/image.h"
 #include "photo_plan.h"
+#include "photo_rows.h"
 #include "resample.h"
 
 namespace nerf {
@@ -47,13 +48,9 @@ class PixelReader {
       if (premultiply) {
         for (size_t c = 0; c < 3; ++c) out[o + c] *= alpha;
       } else {
-        unpremultiply(&out[o], alpha);
+        internal::unpremultiply(&out[o], alpha);
       }
     }
-  }
-
-  static void unpremultiply(float* rgb, float alpha) {
-    for (int c = 0; c < 3; ++c) rgb[c] = alpha > 0 ? rgb[c] / alpha : 0.0f;
   }
 
  private:
@@ -92,20 +89,6 @@ bool any_transparent(const StoredImage& image) {
   return false;
 }
 
-void store_row(Photo& photo, int y, std::span<const float> row) {
-  const size_t at = static_cast<size_t>(y) * row.size();
-  if (!photo.pixels8.empty()) {
-    for (size_t i = 0; i < row.size(); ++i) {
-      const float clamped = std::clamp(row[i], 0.0f, 1.0f);
-      photo.pixels8[at + i] = static_cast<uint8_t>(clamped * 255.0f + 0.5f);
-    }
-  } else {
-    for (size_t i = 0; i < row.size(); ++i) {
-      photo.pixels16[at + i] = internal::float_to_half(row[i]);
-    }
-  }
-}
-
 // `image` is consumed: its memory becomes the photo's where nothing has to be changed.
 void convert(StoredImage& image, const std::string& name, Photo& photo) {
   // An alpha channel that is opaque everywhere says nothing.
@@ -128,23 +111,15 @@ void convert(StoredImage& image, const std::string& name, Photo& photo) {
     std::vector<float> row(static_cast<size_t>(photo.width) * static_cast<size_t>(photo.channels));
     for (int y = 0; y < photo.height; ++y) {
       reader.row(y, photo.channels, false, row);
-      store_row(photo, y, row);
+      internal::store_row(photo, y, row);
     }
     return;
   }
-  // A transparent pixel's colour means nothing, so colours are averaged weighted by alpha.
-  std::vector<float> straight;
   internal::area_average(
       image.width, image.height, photo.channels,
       [&](int y, std::span<float> out) { reader.row(y, photo.channels, true, out); }, photo.width,
       photo.height,
-      [&](int y, std::span<const float> row) {
-        straight.assign(row.begin(), row.end());
-        for (size_t i = 0; photo.channels == 4 && i < straight.size(); i += 4) {
-          PixelReader::unpremultiply(&straight[i], straight[i + 3]);
-        }
-        store_row(photo, y, straight);
-      });
+      [&](int y, std::span<const float> row) { internal::store_averaged_row(photo, y, row); });
 }
 
 std::vector<uint8_t> read_mask(const View& view, const StoredImage& photo, int width, int height) {

@@ -112,4 +112,12 @@ Camera Camera::scaled_to(int new_width, int new_height) const {
   return scaled;
 }
 
+Camera Camera::rows(int first, int count) const {
+  NERF_CHECK(first >= 0 && count > 0 && first + count <= height);
+  Camera part = *this;
+  part.height = count;
+  part.params[row(model).focals == 2 ? 3 : 2] -= first;
+  return part;
+}
+
 }  // namespace nerf

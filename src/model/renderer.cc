@@ -326,31 +326,36 @@ Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& c
   });
   for (const auto& renderer : renderers) {
     if (!renderer) continue;  // of a thread that came too late for a tile
-    frame.statistics.rays += renderer->statistics().rays;
-    frame.statistics.segments += renderer->statistics().segments;
-    frame.statistics.density_evaluations += renderer->statistics().density_evaluations;
-    frame.statistics.colour_evaluations += renderer->statistics().colour_evaluations;
+    frame.statistics += renderer->statistics();
   }
   return frame;
 }
 
 }  // namespace
 
+RenderStatistics& RenderStatistics::operator+=(const RenderStatistics& other) {
+  rays += other.rays;
+  segments += other.segments;
+  density_evaluations += other.density_evaluations;
+  colour_evaluations += other.colour_evaluations;
+  return *this;
+}
+
 Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress, const Cancel* cancel) {
   const ModelInfo& info = radiance.info();
-  if (!radiance.is_grid())
-    return internal::render_network(radiance.network(), info,
-                                    options.unclipped ? nullptr : radiance.baked(), camera,
-                                    camera_to_world, options, pool, progress, cancel);
-  NERF_CHECK(options.supersample >= 0 && options.supersample <= kMostSupersampling);
-  const int n = options.supersample > 0 ? options.supersample
-                                        : automatic_supersampling(info, camera, camera_to_world);
-  const Frame frame = render_grid(
-      radiance.grid(), info, n > 1 ? camera.scaled_to(n * camera.width, n * camera.height) : camera,
-      camera_to_world, options, pool, progress, cancel);
-  return n > 1 ? internal::reduced(frame, n) : frame;
+  const auto render_part = [&](const Camera& part, const std::function<void(double)>& at) {
+    return radiance.is_grid()
+               ? render_grid(radiance.grid(), info, part, camera_to_world, options, pool, at,
+                             cancel)
+               : internal::render_network(radiance.network(), info,
+                                          options.unclipped ? nullptr : radiance.baked(), part,
+                                          camera_to_world, options, pool, at, cancel);
+  };
+  const int n = rays_per_side(radiance, options, camera, camera_to_world);
+  return n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
+               : render_part(camera, progress);
 }
 
 }  // namespace nerf

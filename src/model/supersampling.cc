@@ -4,16 +4,22 @@
 #include <cmath>
 #include <vector>
 
+#include "nerf/base/error.h"
 #include "nerf/model/model_info.h"
+#include "nerf/model/radiance_field.h"
 
 namespace nerf {
 
-Frame internal::reduced(const Frame& from, int n) {
-  Frame out{from.width / n, from.height / n, {}, {}, {}, from.statistics};
+namespace {
+
+constexpr int64_t kBandPixels = int64_t{1} << 22;
+
+// Appends the pixels of n x n of `from` each.
+void append_reduced(const Frame& from, int n, Frame& out) {
   const float share = 1.0f / static_cast<float>(n * n);
   std::vector<float> depths;
-  for (int y = 0; y < out.height; ++y)
-    for (int x = 0; x < out.width; ++x) {
+  for (int y = 0; y < from.height / n; ++y)
+    for (int x = 0; x < from.width / n; ++x) {
       float rgb[3] = {0, 0, 0}, alpha = 0;
       depths.clear();
       for (int i = 0; i < n * n; ++i) {
@@ -29,11 +35,10 @@ Frame internal::reduced(const Frame& from, int n) {
       if (!depths.empty()) std::nth_element(depths.begin(), middle, depths.end());
       out.depth_z.push_back(2 * static_cast<int>(depths.size()) > n * n ? *middle : 0.0f);
     }
-  return out;
+  out.statistics += from.statistics;
 }
 
-int automatic_supersampling(const ModelInfo& info, const Camera& camera,
-                            const Pose& camera_to_world) {
+int automatic(const ModelInfo& info, const Camera& camera, const Pose& camera_to_world) {
   // Width of a pixel where the scene is: one unit behind its middle, so that cameras in the middle
   // count too.
   const auto width = [&](const Camera& c, const Pose& pose) {
@@ -48,9 +53,35 @@ int automatic_supersampling(const ModelInfo& info, const Camera& camera,
   const auto middle = widths.begin() + static_cast<ptrdiff_t>(widths.size() / 2);
   std::nth_element(widths.begin(), middle, widths.end());
   if (!(*middle > 0)) return 1;
-  const int most =
-      std::max(1, std::min(kMostSupersampling, (1 << 14) / std::max(camera.width, camera.height)));
-  return static_cast<int>(std::clamp(std::round(own / *middle), 1.0, static_cast<double>(most)));
+  return static_cast<int>(std::clamp(std::round(own / *middle), 1.0, double{kMostSupersampling}));
+}
+
+}  // namespace
+
+Frame internal::render_supersampled(int n, const Camera& camera,
+                                    const std::function<void(double)>& progress,
+                                    const RenderPart& render) {
+  const Camera large = camera.scaled_to(n * camera.width, n * camera.height);
+  const int rows = static_cast<int>(
+      std::clamp<int64_t>(kBandPixels / (int64_t{n} * large.width), 1, camera.height));
+  Frame out{camera.width, camera.height, {}, {}, {}};
+  for (int y = 0; y < camera.height; y += rows) {
+    const int count = std::min(rows, camera.height - y);
+    const std::function<void(double)> band_progress = [&](double share) {
+      progress((y + share * count) / camera.height);
+    };
+    append_reduced(render(large.rows(n * y, n * count),
+                          progress ? band_progress : std::function<void(double)>()),
+                   n, out);
+  }
+  return out;
+}
+
+int rays_per_side(const RadianceField& field, const RenderOptions& options, const Camera& camera,
+                  const Pose& camera_to_world) {
+  NERF_CHECK(options.supersample >= 0 && options.supersample <= kMostSupersampling);
+  if (options.supersample > 0) return options.supersample;
+  return field.is_grid() ? automatic(field.info(), camera, camera_to_world) : 1;
 }
 
 }  // namespace nerf

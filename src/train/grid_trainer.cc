@@ -37,7 +37,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       field(o.grid, s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true, static_cast<float>(o.huber_delta)),
-      errors(p, source.views(), static_cast<float>(o.error_guidance)),
+      errors(p, s.train, static_cast<float>(o.error_guidance)),
       maker(source, errors, field, t),
       batch(std::max(1, o.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
@@ -52,7 +52,6 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   corrections.resize(2 * kBiasCorrections);
   bias_corrections(AdamStep(), corrections.data());
   initialise();
-  pack();
   for (const auto& chunk : workers) chunk->packed = packed.data();
 }
 
@@ -72,6 +71,7 @@ void GridTrainer::initialise() {
     }
   switch_off_impossible_cells(scene, photos, pool, field.occupancy);
   field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
+  pack();
 }
 
 float GridTrainer::rate_at(int64_t step) const {
@@ -88,7 +88,6 @@ float GridTrainer::samples_per_cell_at(int64_t step) const {
 
 StepReport GridTrainer::step() {
   Lap lap;
-  pack();
   const uint64_t seed = options.seed ^ salt;
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
@@ -141,7 +140,6 @@ StepReport GridTrainer::step() {
                       static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
   samples_per_ray = done == 0 ? seen : 0.8 * samples_per_ray + 0.2 * seen;
   ++done;
-  pack();
   refresh_occupancy();
   lap.into(profile.occupancy);
   report.step = done;
@@ -254,6 +252,7 @@ void GridTrainer::update(float rate) {
   adam.l2 = static_cast<float>(options.network_l2);
   adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
              optimiser.network_v.data(), field.weights.data());
+  pack();
   adam.rate = rate;
   adam.l2 = 0;
   constexpr int64_t kRows = 8192;
@@ -303,6 +302,7 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   field.occupancy.set_levels(levels);
   samples_per_ray = scalars.number("samples_per_ray");
+  pack();
 }
 
 void GridTrainer::begin_anew() {

@@ -44,7 +44,7 @@ struct GridTrainer final : TrainerImpl {
 
   float rate_at(int64_t step) const;
   float samples_per_cell_at(int64_t step) const;
-  void pack();
+  void pack();  // after every change of the networks' weights
   void run_chunks();
   void scatter();
   void observe_samples();

@@ -239,7 +239,6 @@ void NetworkTrainer::clip_gradient() {
 
 StepReport NetworkTrainer::step() {
   Lap lap;
-  pack();
   draw_rays();
   lap.into(profile.rays);
   run_chunks();
@@ -278,6 +277,7 @@ StepReport NetworkTrainer::step() {
     adam_dense(adam, done + 1, std::min(kBlock, n - at), gradient.data() + at, m.data() + at,
                v.data() + at, field.weights.data() + at);
   });
+  pack();
   lap.into(profile.update);
   dense_share = all > 0 ? static_cast<double>(dense) / static_cast<double>(all) : 1;
   report.step = ++done;
@@ -289,6 +289,7 @@ void NetworkTrainer::begin_anew() {
   std::fill(m.begin(), m.end(), 0.0f);
   std::fill(v.begin(), v.end(), 0.0f);
   field.initialise(options.seed ^ salt);
+  pack();
 }
 
 RadianceField NetworkTrainer::snapshot(ModelInfo info) const {
@@ -316,6 +317,7 @@ void NetworkTrainer::load_state(const internal::ContainerReader& file,
                                 const internal::JsonFields& scalars) {
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   dense_share = scalars.number("dense_share");
+  pack();
 }
 
 }  // namespace nerf

@@ -9,10 +9,8 @@
 
 namespace nerf {
 
-PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, bool reduced)
-    : photos_(photos), near_(scene.near) {
-  for (const int v : scene.train)
-    if (reduced || scene.views[static_cast<size_t>(v)].scale == 1) views_.push_back(v);
+PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
+    : photos_(photos), views_(scene.train), near_(scene.near) {
   pixels_before_.push_back(0);
   double weight = 0;
   for (int v : views_) {
@@ -177,10 +175,12 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
       block.x.push_back(g.x);
       block.y.push_back(g.y);
       block.z.push_back(g.z);
-      const float distance =
-          static_cast<float>(sampler.start()) + samples.t[static_cast<size_t>(s)];
-      block.spread.push_back(radius > 0 ? cone_spread(radius, distance, field_.grid_scale(p))
-                                        : 0.0f);
+      if (field_.options.antialias) {
+        const float distance =
+            static_cast<float>(sampler.start()) + samples.t[static_cast<size_t>(s)];
+        block.spread.push_back(radius > 0 ? cone_spread(radius, distance, field_.grid_scale(p))
+                                          : 0.0f);
+      }
       block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
       const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
       block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
@@ -200,7 +200,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.x, batch.x);
     copy(block.y, batch.y);
     copy(block.z, batch.z);
-    copy(block.spread, batch.spread);
+    if (field_.options.antialias) copy(block.spread, batch.spread);
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);

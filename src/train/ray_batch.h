@@ -19,8 +19,7 @@ namespace nerf {
 // Training pixels and their rays in engine coordinates.
 class PixelSource {
  public:
-  // With `reduced`, photos at smaller scales too (View::scale).
-  PixelSource(const Scene& scene, const PhotoSet& photos, bool reduced);
+  PixelSource(const Scene& scene, const PhotoSet& photos);
 
   struct Pixel {
     Ray ray;
@@ -39,8 +38,7 @@ class PixelSource {
   // A pixel of the i-th training photo, from the middle `share` of its width and height.
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
   size_t photos() const { return views_.size(); }
-  std::span<const int> views() const { return views_; }  // of the scene, photo by photo
-  double mean_weight() const { return mean_weight_; }    // over all pixels
+  double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
   // second reads colour and mask.
@@ -52,7 +50,7 @@ class PixelSource {
   bool cast(size_t i, Pixel& out) const;
 
   const PhotoSet& photos_;
-  std::vector<int> views_;
+  const std::vector<int>& views_;        // Scene::train
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
   std::vector<float> weights_;           // of each photo's pixels

@@ -26,6 +26,10 @@ std::unique_ptr<TrainerImpl> make_trainer(const Scene& scene, const PhotoSet& ph
 
 }  // namespace
 
+bool learns_from_reduced_photos(const TrainOptions& options) {
+  return options.method != kGridMethod || options.grid.antialias;
+}
+
 double TrainerImpl::progress_at(int64_t step) const {
   const double total = static_cast<double>(std::max<int64_t>(options.steps, 1));
   const double share = std::min(1.0, static_cast<double>(step) / total);

@@ -14,12 +14,7 @@ namespace nerf {
 struct TrainerImpl {
   TrainerImpl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool)
-      : scene(scene),
-        photos(photos),
-        options(options),
-        pool(pool),
-        // To a field of points a reduced photo tells nothing that the full one does not.
-        source(scene, photos, options.method != kGridMethod || options.grid.antialias) {}
+      : scene(scene), photos(photos), options(options), pool(pool), source(scene, photos) {}
   virtual ~TrainerImpl() = default;
 
   virtual StepReport step() = 0;

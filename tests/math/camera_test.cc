@@ -288,6 +288,22 @@ TEST(Camera, ScaledToKeepsTheRayOfEveryRelativePosition) {
   }
 }
 
+TEST(Camera, RowsAreAPartOfTheSamePicture) {
+  for (const Camera& camera : all_cameras()) {
+    SCOPED_TRACE(camera_model_name(camera.model));
+    const Camera part = camera.rows(130, 77);
+    EXPECT_EQ(part.width, camera.width);
+    EXPECT_EQ(part.height, 77);
+    for (const Vec2d pixel : {Vec2d{0, 0}, Vec2d{640, 77}, Vec2d{100.5, 40.5}}) {
+      const auto d = unproject(camera, {pixel.x, pixel.y + 130});
+      const auto e = unproject(part, pixel);
+      ASSERT_TRUE(d && e);
+      EXPECT_LT(length(*d - *e), 1e-11);
+    }
+  }
+  EXPECT_THROW(all_cameras().front().rows(470, 11), std::logic_error);
+}
+
 TEST(Camera, ScaledToKeepsOneFocalLengthWhereRatiosAreEqual) {
   const Camera camera = make_camera(CameraModel::kSimpleRadial, {501, 322, 238, -0.09});
   const Camera half = camera.scaled_to(320, 240);

@@ -11,6 +11,7 @@
 #include "nerf/math/camera.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
+#include "support/cameras.h"
 #include "support/network_options.h"
 #include "support/temp_folder.h"
 
@@ -118,14 +119,7 @@ TEST(NetworkLevels, NothingIsLostFarAway) {
     }
 }
 
-Camera sphere_like_camera() {
-  Camera c;
-  c.model = CameraModel::kPinhole;
-  c.width = 40;
-  c.height = 30;
-  c.params = {35, 35, 20, 15};
-  return c;
-}
+Camera sphere_like_camera() { return test::pinhole(40, 30, 35); }
 
 // The pixels of a chunk do not depend on what else is in it.
 TEST(NetworkLevels, RaysDoNotMeetEachOther) {
@@ -235,14 +229,7 @@ TEST(NetworkRenderer, BakedModelsSkipEmptySpace) {
   EXPECT_GT(*std::max_element(whole.alpha.begin(), whole.alpha.end()), 0.9f);
 }
 
-Camera small_camera() {
-  Camera c;
-  c.model = CameraModel::kPinhole;
-  c.width = 19;
-  c.height = 7;
-  c.params = {15, 15, 9.5, 3.5};
-  return c;
-}
+Camera small_camera() { return test::pinhole(19, 7, 15); }
 
 // Saved and loaded: the same picture; any number of threads: the same bits; queries agree with it.
 TEST(NetworkRenderer, FilesAndThreadsChangeNothing) {

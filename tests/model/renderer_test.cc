@@ -5,48 +5,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <vector>
 
-#include "nerf/model/grid_field.h"
-#include "nerf/model/radiance_field.h"
+#include "model/homogeneous_field.h"
+#include "support/cameras.h"
 
 namespace nerf {
 namespace {
 
-// Density exp(0) = 1 per engine unit everywhere in [-1, 1]^3, or where x > 0 alone; colour
-// sigmoid(0).
-// `level` is what the cache says of each cell.
-RadianceField homogeneous_field(const Similarity& to_engine, bool half_empty = false,
-                                uint8_t level = 30) {
-  GridOptions options;
-  options.levels = 1;
-  options.log2_entries = 10;
-  options.base_resolution = 4;
-  options.hidden = 16;
-  options.occupancy_side = 32;
-  auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1);
-  std::vector<uint8_t> levels(grid->occupancy.levels().size(), level);
-  for (size_t i = 0; half_empty && i < levels.size(); ++i)
-    if (grid->occupancy.cell_corner(static_cast<int64_t>(i), 0).x < 0) levels[i] = 0;
-  grid->occupancy.set_levels(levels);
-  ModelInfo info;
-  info.to_engine = to_engine;
-  info.near = 1e-3;
-  return RadianceField(std::move(info), std::move(grid));
-}
-
-Similarity tilted() {
-  const double a = 0.5, b = 0.7;
-  Mat3d turn, tilt;
-  turn.m = {{{std::cos(a), -std::sin(a), 0}, {std::sin(a), std::cos(a), 0}, {0, 0, 1}}};
-  tilt.m = {{{1, 0, 0}, {0, std::cos(b), -std::sin(b)}, {0, std::sin(b), std::cos(b)}}};
-  Similarity s;
-  s.rotation = turn * tilt;
-  s.center = {3, -1, 2};
-  s.scale = 0.25;
-  return s;
-}
+using test::homogeneous_field;
+using test::tilted;
 
 // Length of a ray inside a box by slabs, in double.
 double length_inside(const Vec3d& origin, const Vec3d& direction, const Box3& box) {
@@ -65,11 +33,7 @@ double length_inside(const Vec3d& origin, const Vec3d& direction, const Box3& bo
 TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
   const Similarity to_engine = tilted();
   const RadianceField field = homogeneous_field(to_engine);
-  Camera camera;
-  camera.model = CameraModel::kPinhole;
-  camera.width = 40;
-  camera.height = 30;
-  camera.params = {40, 40, 20, 15};
+  const Camera camera = test::pinhole(40, 30, 40);
   Pose pose;  // from 9 units before the centre, along z
   pose.translation = to_engine.center + Vec3d{0.3, -0.2, -9};
   RenderOptions options;
@@ -95,10 +59,7 @@ TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
 // What is left without colour is missing from a pixel, never more of it than the option says.
 TEST(Render, LightLeftWithoutColourIsBounded) {
   const RadianceField field = homogeneous_field(Similarity());
-  Camera camera;
-  camera.model = CameraModel::kPinhole;
-  camera.width = camera.height = 40;
-  camera.params = {30, 30, 20, 20};
+  const Camera camera = test::pinhole(40, 40, 30);
   Pose pose;
   pose.translation = {0.1, -0.2, -3};
   ThreadPool pool(2);
@@ -125,10 +86,7 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
 TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   // The cache says that a cell stops 0.6 of the light: the stop is reached within the box.
   const RadianceField field = homogeneous_field(Similarity(), /*half_empty=*/false, 200);
-  Camera camera;
-  camera.model = CameraModel::kPinhole;
-  camera.width = camera.height = 40;
-  camera.params = {30, 30, 20, 20};
+  const Camera camera = test::pinhole(40, 40, 30);
   Pose pose;
   pose.translation = {0.1, -0.2, -3};
   ThreadPool one(1), two(2);
@@ -205,75 +163,6 @@ TEST(Query, IsEmptyInCellsThatAreKnownToBe) {
   ThreadPool pool(1);
   field.query(points, directions, density, rgb, pool);
   for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(density[i], points[i].x > 0 ? 1 : 0) << i;
-}
-
-// A picture of rays n x n to a pixel is the larger one's means; and by itself one is taken where
-// pixels are as wide as the photos' were, or narrower.
-TEST(Render, SupersamplingAveragesALargerPicture) {
-  const Similarity to_engine = tilted();
-  RadianceField field = homogeneous_field(to_engine);
-  Camera camera;
-  camera.model = CameraModel::kPinhole;
-  camera.width = 20;
-  camera.height = 14;
-  camera.params = {20, 22, 10, 7};
-  Pose pose;
-  pose.translation = to_engine.center + Vec3d{0.3, -0.2, -9};
-  ThreadPool pool(2);
-  RenderOptions one, three;
-  one.supersample = 1;
-  three.supersample = 3;
-  three.background = one.background = {0.2f, 0.9f, 0.4f};
-  const Frame large = render(field, camera.scaled_to(60, 42), pose, one, pool);
-  const Frame mean = render(field, camera, pose, three, pool);
-  ASSERT_EQ(mean.width, 20);
-  ASSERT_EQ(mean.height, 14);
-  int edges = 0;
-  for (int y = 0; y < 14; ++y)
-    for (int x = 0; x < 20; ++x) {
-      double alpha = 0, red = 0;
-      std::vector<float> depths;
-      for (int i = 0; i < 9; ++i) {
-        const size_t at = static_cast<size_t>((3 * y + i / 3) * 60 + 3 * x + i % 3);
-        alpha += static_cast<double>(large.alpha[at]) / 9;
-        red += static_cast<double>(large.rgb[3 * at]) / 9;
-        if (large.depth_z[at] > 0) depths.push_back(large.depth_z[at]);
-      }
-      const size_t at = static_cast<size_t>(y * 20 + x);
-      EXPECT_NEAR(static_cast<double>(mean.alpha[at]), alpha, 1e-6);
-      EXPECT_NEAR(static_cast<double>(mean.rgb[3 * at]), red, 1e-6);
-      std::sort(depths.begin(), depths.end());
-      EXPECT_EQ(mean.depth_z[at], depths.size() > 4 ? depths[depths.size() / 2] : 0)
-          << x << ' ' << y;
-      edges += alpha > 0 && !depths.empty() && depths.size() < 9;
-    }
-  EXPECT_GT(edges, 0);
-  EXPECT_NE(render(field, camera, pose, one, pool).rgb, mean.rgb);
-}
-
-TEST(Render, SupersamplingFollowsThePhotos) {
-  ModelInfo info;
-  Camera camera;
-  camera.model = CameraModel::kPinhole;
-  camera.width = 400;
-  camera.height = 300;
-  camera.params = {500, 500, 200, 150};
-  Pose pose;
-  pose.translation = {0, 0, -3};
-  EXPECT_EQ(automatic_supersampling(info, camera, pose), 1) << "nothing to compare with";
-  info.views.push_back({"a", camera, pose, /*held_out=*/false, 0});
-  info.views.push_back({"b", camera.scaled_to(40, 30), pose, /*held_out=*/true, 0});
-  EXPECT_EQ(automatic_supersampling(info, camera, pose), 1);
-  EXPECT_EQ(automatic_supersampling(info, camera.scaled_to(1600, 1200), pose), 1);
-  EXPECT_EQ(automatic_supersampling(info, camera.scaled_to(200, 150), pose), 2);
-  EXPECT_EQ(automatic_supersampling(info, camera.scaled_to(100, 75), pose), 4);
-  EXPECT_EQ(automatic_supersampling(info, camera.scaled_to(20, 15), pose), kMostSupersampling);
-  // Farther away a pixel of the same angle is wider.
-  Pose far = pose;
-  far.translation = {0, 0, -11};
-  EXPECT_EQ(automatic_supersampling(info, camera, far), 3);
-  info.to_engine.scale = 0.25;  // the same in input units is less in the engine's
-  EXPECT_EQ(automatic_supersampling(info, camera, far), 2);
 }
 
 }  // namespace

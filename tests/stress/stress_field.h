@@ -12,6 +12,7 @@
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
+#include "support/cameras.h"
 
 namespace nerf::stress {
 
@@ -83,13 +84,7 @@ inline RadianceField wild_field(bool unbounded, int cascades, float features, fl
   return RadianceField(std::move(info), std::move(grid));
 }
 
-inline Camera pinhole(int size, double focal) {
-  Camera camera;
-  camera.model = CameraModel::kPinhole;
-  camera.width = camera.height = size;
-  camera.params = {focal, focal, 0.5 * size, 0.5 * size};
-  return camera;
-}
+inline Camera pinhole(int size, double focal) { return test::pinhole(size, size, focal); }
 
 // From `eye` towards `target`.
 inline Pose look_at(const Vec3d& eye, const Vec3d& target) {

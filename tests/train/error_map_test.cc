@@ -76,7 +76,7 @@ TEST(ErrorMap, PixelsAreDrawnByTheirChances) {
   for (size_t t = 0; t < map.errors().size(); ++t)
     map.observe(static_cast<int32_t>(t), t % 3 == 0 ? 0.04f : 0.0f);
   map.refresh();
-  const PixelSource source(capture.scene, capture.photos, true);
+  const PixelSource source(capture.scene, capture.photos);
   const Photo& photo = capture.photos.photos[static_cast<size_t>(capture.scene.train[0])];
   std::vector<double> expected(map.errors().size());
   double all = 0;

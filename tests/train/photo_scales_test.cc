@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
@@ -16,11 +17,22 @@
 namespace nerf {
 namespace {
 
-test::SyntheticCapture scaled_capture(int scales, int width = 64) {
-  auto c = test::sphere_capture(8, width);
+test::SyntheticCapture scaled_capture(int scales, bool training = true) {
+  auto c = test::sphere_capture(8, 64);
   ThreadPool pool(2);
-  add_photo_scales(c.scene, c.photos, scales, pool);
+  add_photo_scales(c.scene, c.photos, scales, training, pool);
   return c;
+}
+
+// The view that another one is a smaller photo of.
+size_t full_view(const Scene& scene, size_t v) {
+  const View& view = scene.views[v];
+  if (view.scale == 1) return v;
+  const std::string folder = "scale" + std::to_string(view.scale) + "/";
+  EXPECT_EQ(view.name.substr(0, folder.size()), folder);
+  const auto found = std::ranges::find(scene.views, view.name.substr(folder.size()), &View::name);
+  EXPECT_NE(found, scene.views.end());
+  return static_cast<size_t>(found - scene.views.begin());
 }
 
 TEST(PhotoScales, OneChangesNothing) {
@@ -33,56 +45,70 @@ TEST(PhotoScales, OneChangesNothing) {
 // colour, by what rounding alpha adds.
 TEST(PhotoScales, PixelsAreTheMeansOfThoseTheyCover) {
   const auto c = scaled_capture(3);
-  const size_t views = c.scene.views.size() / 3;
-  for (const int s : {1, 2})
-    for (size_t v = 0; v < views; ++v) {
-      const Photo& full = c.photos.photos[v];
-      const Photo& photo = c.photos.photos[static_cast<size_t>(s) * views + v];
-      const int scale = 1 << s;
-      ASSERT_EQ(photo.width, full.width / scale);
-      ASSERT_EQ(photo.height, full.height / scale);
-      for (int y = 0; y < photo.height; ++y)
-        for (int x = 0; x < photo.width; ++x) {
-          double sum[4] = {0, 0, 0, 0};
-          for (int j = 0; j < scale; ++j)
-            for (int i = 0; i < scale; ++i) {
-              float p[4];
-              full.pixel(scale * x + i, scale * y + j, p);
-              for (int k = 0; k < 3; ++k) sum[k] += static_cast<double>(p[k] * p[3]);
-              sum[3] += static_cast<double>(p[3]);
-            }
-          float got[4];
-          photo.pixel(x, y, got);
-          EXPECT_NEAR(static_cast<double>(got[3]), sum[3] / (scale * scale), 0.51 / 255);
-          for (int k = 0; k < 3 && sum[3] > 0; ++k)
-            EXPECT_NEAR(static_cast<double>(got[k]), sum[k] / sum[3], 0.51 / 255);
-        }
-    }
+  int reduced = 0;
+  for (size_t v = 0; v < c.scene.views.size(); ++v) {
+    const Photo& full = c.photos.photos[full_view(c.scene, v)];
+    const Photo& photo = c.photos.photos[v];
+    const int scale = c.scene.views[v].scale;
+    reduced += scale > 1;
+    ASSERT_EQ(photo.width, full.width / scale);
+    ASSERT_EQ(photo.height, full.height / scale);
+    for (int y = 0; y < photo.height; ++y)
+      for (int x = 0; x < photo.width; ++x) {
+        double sum[4] = {0, 0, 0, 0};
+        for (int j = 0; j < scale; ++j)
+          for (int i = 0; i < scale; ++i) {
+            float p[4];
+            full.pixel(scale * x + i, scale * y + j, p);
+            for (int k = 0; k < 3; ++k) sum[k] += static_cast<double>(p[k] * p[3]);
+            sum[3] += static_cast<double>(p[3]);
+          }
+        float got[4];
+        photo.pixel(x, y, got);
+        EXPECT_NEAR(static_cast<double>(got[3]), sum[3] / (scale * scale), 0.51 / 255);
+        for (int k = 0; k < 3 && sum[3] > 0; ++k)
+          EXPECT_NEAR(static_cast<double>(got[k]), sum[k] / sum[3], 0.51 / 255);
+      }
+  }
+  EXPECT_EQ(reduced, 2 * 8);
 }
 
 TEST(PhotoScales, CamerasSeeTheSameAndViewsStayInTheirSplit) {
-  const auto c = scaled_capture(3);
-  const size_t views = c.scene.views.size() / 3;
-  ASSERT_EQ(c.photos.cameras.size(), c.scene.views.size());
-  for (size_t i = 0; i < c.scene.views.size(); ++i) {
-    const View& view = c.scene.views[i];
-    const View& full = c.scene.views[i % views];
-    EXPECT_EQ(view.scale, 1 << (i / views));
-    const std::string folder = view.scale > 1 ? "scale" + std::to_string(view.scale) + "/" : "";
-    EXPECT_EQ(view.name, folder + full.name);
-    const Vec2d at{3.5, 2.5};
-    const auto here = unproject(c.photos.cameras[i], at);
-    const auto there =
-        unproject(c.photos.cameras[i % views], {at.x * view.scale, at.y * view.scale});
-    EXPECT_NEAR(length(normalized(*here) - normalized(*there)), 0, 1e-12);
-  }
   const auto original = test::sphere_capture(8, 64);
-  for (const auto member : {&Scene::train, &Scene::test}) {
-    const std::vector<int>&got = c.scene.*member, &one = original.scene.*member;
-    ASSERT_EQ(got.size(), 3 * one.size());
-    for (size_t i = 0; i < got.size(); ++i)
-      EXPECT_EQ(got[i], one[i % one.size()] + static_cast<int>(i / one.size() * views));
+  for (const bool training : {true, false}) {
+    const auto c = scaled_capture(3, training);
+    ASSERT_EQ(c.photos.cameras.size(), c.scene.views.size());
+    ASSERT_EQ(c.photos.photos.size(), c.scene.views.size());
+    for (size_t i = 0; i < c.scene.views.size(); ++i) {
+      const View& view = c.scene.views[i];
+      const Vec2d at{3.5, 2.5};
+      const auto here = unproject(c.photos.cameras[i], at);
+      const auto there = unproject(c.photos.cameras[full_view(c.scene, i)],
+                                   {at.x * view.scale, at.y * view.scale});
+      EXPECT_NEAR(length(normalized(*here) - normalized(*there)), 0, 1e-12);
+    }
+    for (const auto member : {&Scene::train, &Scene::test}) {
+      const std::vector<int>&got = c.scene.*member, &one = original.scene.*member;
+      const size_t scales = training || member == &Scene::test ? 3 : 1;
+      ASSERT_EQ(got.size(), scales * one.size());
+      for (size_t i = 0; i < got.size(); ++i) {
+        const size_t v = static_cast<size_t>(got[i]);
+        EXPECT_EQ(c.scene.views[v].scale, 1 << (i / one.size()));
+        EXPECT_EQ(full_view(c.scene, v), static_cast<size_t>(one[i % one.size()]));
+      }
+    }
   }
+}
+
+// A field of points learns nothing from them.
+TEST(PhotoScales, AreTrainedOnWhereTheMethodSeesTheWidthOfAPixel) {
+  TrainOptions options;
+  EXPECT_FALSE(learns_from_reduced_photos(options));
+  options.grid.antialias = true;
+  EXPECT_TRUE(learns_from_reduced_photos(options));
+  options = TrainOptions();
+  options.method = "mipnerf";
+  EXPECT_TRUE(learns_from_reduced_photos(options));
 }
 
 TEST(PhotoScales, AMaskKeepsWhatIsMostlyKept) {
@@ -98,8 +124,11 @@ TEST(PhotoScales, AMaskKeepsWhatIsMostlyKept) {
   hide(4, 0), hide(5, 0), hide(4, 1);              // three: out
   hide(6, 0), hide(7, 0), hide(6, 1), hide(7, 1);  // all
   ThreadPool pool(1);
-  add_photo_scales(c.scene, c.photos, 2, pool);
-  const Photo& half = c.photos.photos[c.scene.views.size() / 2];
+  add_photo_scales(c.scene, c.photos, 2, /*training=*/true, pool);
+  const size_t first = static_cast<size_t>(
+      std::ranges::find(c.scene.views, "scale2/" + c.scene.views[0].name, &View::name) -
+      c.scene.views.begin());
+  const Photo& half = c.photos.photos.at(first);
   ASSERT_FALSE(half.mask.empty());
   const std::array<bool, 5> out{false, false, true, true, false};
   for (int x = 0; x < 5; ++x) EXPECT_EQ(half.masked_out(x, 0), out[static_cast<size_t>(x)]) << x;
@@ -109,7 +138,8 @@ TEST(PhotoScales, AMaskKeepsWhatIsMostlyKept) {
 TEST(PhotoScales, TooSmallPhotosAreAnError) {
   auto c = test::sphere_capture(2, 32);
   ThreadPool pool(1);
-  const std::string error = test::error_of([&] { add_photo_scales(c.scene, c.photos, 4, pool); });
+  const std::string error =
+      test::error_of([&] { add_photo_scales(c.scene, c.photos, 4, /*training=*/true, pool); });
   EXPECT_TRUE(test::contains(error, "1/")) << error;
   EXPECT_TRUE(test::contains(error, "--scales")) << error;
 }
@@ -117,7 +147,7 @@ TEST(PhotoScales, TooSmallPhotosAreAnError) {
 // Drawn as often as there are pixels, weighing their area: all scales count alike.
 TEST(PhotoScales, EveryScaleWeighsTheSame) {
   const auto c = scaled_capture(3);
-  const PixelSource source(c.scene, c.photos, true);
+  const PixelSource source(c.scene, c.photos);
   EXPECT_NEAR(source.mean_weight(), 3 / (1 + 0.25 + 0.0625), 1e-6);
   std::map<float, double> weight;
   constexpr int kDraws = 200000;
@@ -127,7 +157,7 @@ TEST(PhotoScales, EveryScaleWeighsTheSame) {
     ASSERT_TRUE(source.draw(random, pixel));
     weight[pixel.weight] += static_cast<double>(pixel.weight);
   }
-  EXPECT_EQ(PixelSource(c.scene, c.photos, false).photos(), source.photos() / 3);
+  EXPECT_EQ(source.photos(), c.scene.train.size());
   ASSERT_EQ(weight.size(), 3u);
   for (const auto& [each, sum] : weight) {
     // A binomial count with a share of pixels p: its standard deviation, times the weight.
@@ -139,7 +169,6 @@ TEST(PhotoScales, EveryScaleWeighsTheSame) {
 
 // Held-out views are measured at each scale; training goes on as with one.
 TEST(PhotoScales, AreTrainedOnAndMeasuredApart) {
-  auto c = scaled_capture(2);
   ThreadPool pool(2);
   for (const bool antialias : {false, true})
     for (const char* method : {"grid", "mipnerf"}) {
@@ -152,11 +181,11 @@ TEST(PhotoScales, AreTrainedOnAndMeasuredApart) {
         options.recipe.rays = 64;
         options.steps = 3;
       }
+      const auto c = scaled_capture(2, learns_from_reduced_photos(options));
       Trainer trainer(c.scene, c.photos, options, pool);
       trainer.run({});
       const RadianceField field = trainer.snapshot();
-      EXPECT_EQ(field.info().views.size(), c.scene.views.size() / 2)
-          << "a path through each camera";
+      EXPECT_EQ(field.info().views.size(), 8u) << "a path through each camera";
       const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);
       ASSERT_EQ(e.scales.size(), 2u);
       double sum = 0;

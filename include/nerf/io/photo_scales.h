@@ -7,12 +7,12 @@
 
 namespace nerf {
 
-// Adds to every view the same view at 1/2, 1/4, ... of its photo, `scales` sizes in all, as further
-// views of the same split: named scale2/NAME and so on, with View::scale, cameras scaled alike. A
-// pixel is the mean of those that it covers, colours weighted by alpha; it is masked out where more
-// than half of them are. 1 changes nothing. Throws Error where a photo would have a side below
-// kLeastScaledSide pixels.
+// Adds to every held-out view, and with `training` to every view that is trained on, the same view
+// at 1/2, 1/4, ... of its photo, `scales` sizes in all, as further views of the same split: named
+// scale2/NAME and so on, with View::scale, cameras scaled alike. A pixel is the mean of those that
+// it covers, colours weighted by alpha; it is masked out where more than half of them are. 1
+// changes nothing. Throws Error where a photo would have a side below kLeastScaledSide pixels.
 inline constexpr int kLeastScaledSide = 11;  // what SSIM needs
-void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, ThreadPool& pool);
+void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, bool training, ThreadPool& pool);
 
 }  // namespace nerf

@@ -50,6 +50,8 @@ struct Camera {
   // The same lens on an image of another size: x and y scaled by their own ratios. A model with one
   // focal length becomes the equivalent model with two where the ratios differ (see the .cc).
   Camera scaled_to(int new_width, int new_height) const;
+  // The same lens on rows [first, first + count) of the image alone.
+  Camera rows(int first, int count) const;
 };
 
 // Image point (pixels) of a direction in camera axes (any length, z may be <= 0 for fisheyes). No

@@ -27,8 +27,9 @@ struct RenderOptions {
   float min_transmittance = 1e-6f;  // a ray stops where the cached density lets less through
   float unshaded = 1.0f / 1024;     // share of a pixel's light whose colour may be left out
   Precision precision = Precision::kAuto;  // of the networks' products
-  // Rays along a pixel's side, averaged; 0: so many that none is wider than the median pixel of the
-  // photos trained on, at most kMostSupersampling. Grid method; the paper methods cast one.
+  // Rays along a pixel's side, averaged; 0: with the grid method so many that none is wider than
+  // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
+  // methods.
   int supersample = 0;
   float sample_factor = 1.5f;  // network samples of a ray, against those of the last steps
 };
@@ -38,6 +39,8 @@ struct RenderStatistics {
   int64_t rays = 0;      // marched: those of pixels that the lens and the box of the options cover
   int64_t segments = 0;  // passages of rays through occupied cells
   int64_t density_evaluations = 0, colour_evaluations = 0;  // network samples
+
+  RenderStatistics& operator+=(const RenderStatistics& other);
 };
 
 // All images row by row from the top, one value (or three) per pixel.
@@ -49,9 +52,9 @@ struct Frame {
   RenderStatistics statistics{};
 };
 
-// What RenderOptions::supersample 0 stands for.
-int automatic_supersampling(const ModelInfo& info, const Camera& camera,
-                            const Pose& camera_to_world);
+// What render() takes along a pixel's side: RenderOptions::supersample, or what its 0 stands for.
+int rays_per_side(const RadianceField& field, const RenderOptions& options, const Camera& camera,
+                  const Pose& camera_to_world);
 
 // Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates,
 // OpenCV axes. `progress` gets the fraction done in [0, 1], from one thread at a time. Throws

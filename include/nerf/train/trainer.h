@@ -91,6 +91,10 @@ struct TrainOptions {
   }
 };
 
+// Whether photos at smaller scales (photo_scales.h) tell the method anything: not a field of
+// points, to which a reduced photo says nothing that the full one does not.
+bool learns_from_reduced_photos(const TrainOptions& options);
+
 struct StepReport {
   int64_t step = 0;     // steps done
   double loss = 0;      // mean over rays and channels; 0 for rays that meet no matter

@@ -1,0 +1,18 @@
+// For tests: cameras without distortion.
+#pragma once
+
+#include "nerf/math/camera.h"
+
+namespace nerf::test {
+
+// Looks through the middle of the picture. `focal` in pixels; focal_y 0: the same.
+inline Camera pinhole(int width, int height, double focal, double focal_y = 0) {
+  Camera camera;
+  camera.model = CameraModel::kPinhole;
+  camera.width = width;
+  camera.height = height;
+  camera.params = {focal, focal_y > 0 ? focal_y : focal, 0.5 * width, 0.5 * height};
+  return camera;
+}
+
+}  // namespace nerf::test
