@@ -143,6 +143,42 @@ class RepeatForSamples : public Operation {
   }
 };
 
+class TableRows : public Operation {
+ public:
+  TableRows(Value index, Value y, const LinearWeights& w) : Operation({index}, y), w_(w) {}
+  const char* name() const override { return "table_rows"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = c.count(output());
+    float* y = c.data(output());
+    for (int64_t i = 0; i < round_up(n, kLane); ++i) {
+      const float* row = i < n && row_of(c, i) >= 0 ? c.weights + at(row_of(c, i)) : nullptr;
+      for (int k = 0; k < w_.in; ++k) y[k * ld + i] = row ? row[k] : 0.0f;
+    }
+  }
+  void backward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = c.count(output());
+    const float* dy = c.gradient(output());
+    for (int64_t i = 0; i < n; ++i) {
+      if (row_of(c, i) < 0) continue;
+      float* row = c.weight_gradient + at(row_of(c, i));
+      for (int k = 0; k < w_.in; ++k) row[k] += dy[k * ld + i];
+    }
+  }
+
+ private:
+  int row_of(const Chunk& c, int64_t i) const {
+    const int row = static_cast<int>(std::floor(c.data(inputs()[0])[i]));
+    NERF_CHECK_LT(row, w_.out);
+    return row;
+  }
+  size_t at(int row) const {
+    return w_.offset + static_cast<size_t>(row) * static_cast<size_t>(weight_stride(w_.in));
+  }
+
+  LinearWeights w_;
+};
+
 }  // namespace
 
 Value frequency_encoding(Tape& tape, Value x, std::span<const float> weights, bool identity) {
@@ -172,6 +208,14 @@ Value repeat_for_samples(Tape& tape, Value x) {
   NERF_CHECK(tape.domain(x) == Domain::kRays);
   const Value y = tape.output(tape.rows(x), Domain::kSamples, {&x, 1});
   tape.record(std::make_unique<RepeatForSamples>(x, y));
+  return y;
+}
+
+Value table_rows(Tape& tape, Value index, const LinearWeights& w) {
+  NERF_CHECK_EQ(tape.rows(index), 1);
+  NERF_CHECK(!tape.needs_gradient(index) && !w.bias);
+  const Value y = tape.output(w.in, tape.domain(index), {&index, 1}, /*trained=*/w.out > 0);
+  tape.record(std::make_unique<TableRows>(index, y, w));
   return y;
 }
 

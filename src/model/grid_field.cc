@@ -111,7 +111,7 @@ float GridField::grid_scale(const Vec3& p) const {
   return 0.25f * std::cbrt(across * across / r / r);
 }
 
-GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
+GridTape::GridTape(const GridField& field, bool training, const GridLosses& losses) {
   features = tape.input(field.shape.features(), Domain::kSamples, training);
   directions = tape.input(3, Domain::kRays);
   delta = tape.input(1, Domain::kSamples);
@@ -123,11 +123,18 @@ GridTape::GridTape(const GridField& field, bool training, float huber_delta) {
   colour = sigmoid(
       tape, mlp(tape, concat(tape, geometry, view_code(tape, directions)), field.colour_layers));
   field_operations_ = tape.operations();
-  image = composite(tape, density, colour, delta, background);
+  if (training && losses.on_weights) {
+    image.weights = render_weights(tape, density, delta, /*opaque_end=*/false);
+    image.pixel = accumulate(tape, image.weights, colour, background);
+    weight_gradient = tape.input(1, Domain::kSamples);
+    add_gradient(tape, image.weights, weight_gradient);
+  } else {
+    image = composite(tape, density, colour, delta, background);
+  }
   if (training) {
     target = tape.input(3, Domain::kRays);
     scale = tape.input(1, Domain::kRays);
-    huber_loss(tape, image.pixel, target, scale, huber_delta);
+    huber_loss(tape, image.pixel, target, scale, losses.huber_delta);
   }
   tape.plan();
 }

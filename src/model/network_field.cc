@@ -48,7 +48,7 @@ RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, boo
   n.has_colour = colour;
   if (colour && o.view_dependence) {
     n.bottleneck = place.layer(width, o.bottleneck);
-    n.view = place.layer(o.bottleneck + direction_features(o), o.view_width);
+    n.view = place.layer(o.bottleneck + direction_features(o) + o.image_code, o.view_width);
     n.colour = place.layer(o.view_width, 3);
   } else if (colour) {
     n.colour = place.layer(width, 3);
@@ -136,12 +136,15 @@ void NetworkOptions::check_options() const {
   if (sampling.resampling == Resampling::kCoarseFine && sampling.rounds > 0 && sampling.coarse < 4)
     throw Error("coarse+fine resampling needs at least 4 coarse samples",
                 "--network-sampling-coarse", "give 4 or more");
+  if (image_code > 0 && !view_dependence)
+    throw Error("photos' codes join the view direction, which colours do not depend on",
+                "--network-image-code", "leave it out, or --network-view-dependence on");
   if (!proposal_colour && shared && sampling.rounds > 0)
     throw Error("a network that all levels share has colours at every level", "--network-shared",
                 "leave it out, or --network-proposal-colour on");
 }
 
-std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
+std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos) {
   std::vector<RadianceNetwork> networks;
   size_t at = 0;
   if (o.sampling.rounds > 0 && !o.shared) {
@@ -149,6 +152,8 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
     at = networks.back().end;
   }
   networks.push_back(place_network(o, o.depth, o.width, /*colour=*/true, at));
+  const LinearWeights codes{networks.back().end, o.image_code, o.image_code > 0 ? photos : 0};
+  for (RadianceNetwork& n : networks) n.codes = codes;
   std::vector<LinearWeights*> layers;
   for (RadianceNetwork& n : networks)
     each_layer(n, [&](LinearWeights& w) { layers.push_back(&w); });
@@ -156,10 +161,10 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o) {
   return networks;
 }
 
-NetworkField::NetworkField(const NetworkOptions& o, double n, double f)
-    : options(o), near(n), far(f), networks(place_networks(o)) {
+NetworkField::NetworkField(const NetworkOptions& o, double n, double f, int photos)
+    : options(o), near(n), far(f), networks(place_networks(o, photos)) {
   simd_target();  // chosen, or found missing, before any kernel runs
-  weights = AlignedArray<float>(networks.back().end);
+  weights = AlignedArray<float>(network_size() + codes().size());
 }
 
 size_t NetworkField::parameters() const {
@@ -184,6 +189,14 @@ void NetworkField::initialise(uint64_t seed) {
       uniform_weights(w, options.initialisation, Random(seed, kNetworkStream, layer++),
                       weights.data());
     });
+  // Of variance 1 / image_code, as the authors' embeddings begin (flax.linen.Embed).
+  const LinearWeights& c = codes();
+  Random random(seed, kNetworkStream, layer++);
+  for (int j = 0; j < c.out; ++j)
+    for (int k = 0; k < c.in; ++k)
+      weights[c.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(c.in)) +
+              static_cast<size_t>(k)] =
+          std::sqrt(3.0f / static_cast<float>(c.in)) * (2 * random.uniform() - 1);
 }
 
 NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int samples, int rays,
@@ -224,8 +237,12 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
       const std::vector<float> all(static_cast<size_t>(o.direction_degrees), 1.0f);
       const Value view = frequency_encoding(tape, directions, all, /*identity=*/true);
       seen = linear(tape, h, n.bottleneck, LinearActivation::kNone);
-      seen = linear(tape, concat(tape, seen, repeat_for_samples(tape, view)), n.view,
-                    LinearActivation::kRelu);
+      seen = concat(tape, seen, repeat_for_samples(tape, view));
+      if (o.image_code > 0) {
+        photo = tape.input(1, Domain::kRays);
+        seen = concat(tape, seen, repeat_for_samples(tape, table_rows(tape, photo, n.codes)));
+      }
+      seen = linear(tape, seen, n.view, LinearActivation::kRelu);
     }
     colour = sigmoid(tape, linear(tape, seen, n.colour, LinearActivation::kNone));
     if (o.colour_padding > 0)

@@ -83,6 +83,7 @@ void NetworkLevels::place_rays(Level& level) {
       c.data(tape.directions)[k * lr + r] = ray.view[k];
       c.data(tape.background)[k * lr + r] = ray.background[k];
     }
+    if (tape.photo >= 0) c.data(tape.photo)[r] = static_cast<float>(ray.photo);
     if (!training_ || tape.pixel < 0) continue;
     for (int k = 0; k < 3; ++k) c.data(tape.target)[k * lr + r] = ray.target[k];
     c.data(tape.scale)[r] = ray.scale * (last ? 1.0f : losses_.coarse);

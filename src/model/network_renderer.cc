@@ -141,6 +141,7 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
         if (o.integrated()) c.data(own->tape.variance)[k * ld + i] = 0;
       }
       c.data(own->tape.delta)[i] = 1;
+      if (own->tape.photo >= 0) c.data(own->tape.photo)[i] = -1;
       for (int k = 0; k < 3; ++k) c.data(own->tape.background)[k * lr + i] = 0;
     }
     ray_begin[static_cast<size_t>(count)] = count;

@@ -7,31 +7,50 @@
 
 namespace nerf {
 
-double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
-                       std::span<float> d_weights) {
-  NERF_CHECK_EQ(edges.size(), weights.size() + 1);
-  NERF_CHECK_EQ(d_weights.size(), weights.size());
+namespace {
+
+// middle(i) and width(i) of the i-th interval.
+template <class Middle, class Width>
+double distortion(const Middle& middle, const Width& width, std::span<const float> weights,
+                  float scale, std::span<float> d_weights) {
   double all = 0, all_moment = 0;
-  const auto middle = [&](size_t i) {
-    return 0.5 * (static_cast<double>(edges[i]) + static_cast<double>(edges[i + 1]));
-  };
   for (size_t i = 0; i < weights.size(); ++i) {
     all += static_cast<double>(weights[i]);
     all_moment += static_cast<double>(weights[i]) * middle(i);
   }
   double loss = 0, before = 0, moment_before = 0;
   for (size_t i = 0; i < weights.size(); ++i) {
-    const double w = weights[i], m = middle(i);
-    const double width = static_cast<double>(edges[i + 1]) - static_cast<double>(edges[i]);
+    const double w = weights[i], m = middle(i), across = width(i);
     const double behind = all - before - w, moment_behind = all_moment - moment_before - w * m;
-    loss += 2 * w * (m * before - moment_before) + w * w * width / 3;
+    loss += 2 * w * (m * before - moment_before) + w * w * across / 3;
     const double slope =
-        2 * (m * (before - behind) - (moment_before - moment_behind)) + 2 * w * width / 3;
+        2 * (m * (before - behind) - (moment_before - moment_behind)) + 2 * w * across / 3;
     d_weights[i] += scale * static_cast<float>(slope);
     before += w;
     moment_before += w * m;
   }
   return static_cast<double>(scale) * loss;
+}
+
+}  // namespace
+
+double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
+                       std::span<float> d_weights) {
+  NERF_CHECK_EQ(edges.size(), weights.size() + 1);
+  NERF_CHECK_EQ(d_weights.size(), weights.size());
+  const auto edge = [&](size_t i) { return static_cast<double>(edges[i]); };
+  return distortion([&](size_t i) { return 0.5 * (edge(i) + edge(i + 1)); },
+                    [&](size_t i) { return edge(i + 1) - edge(i); }, weights, scale, d_weights);
+}
+
+double distortion_loss(std::span<const float> middles, std::span<const float> widths,
+                       std::span<const float> weights, float scale, std::span<float> d_weights) {
+  NERF_CHECK_EQ(middles.size(), weights.size());
+  NERF_CHECK_EQ(widths.size(), weights.size());
+  NERF_CHECK_EQ(d_weights.size(), weights.size());
+  return distortion([&](size_t i) { return static_cast<double>(middles[i]); },
+                    [&](size_t i) { return static_cast<double>(widths[i]); }, weights, scale,
+                    d_weights);
 }
 
 double interlevel_loss(std::span<const float> edges, std::span<const float> weights,

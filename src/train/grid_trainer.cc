@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "nerf/parts/losses.h"
 #include "train/lap.h"
 #include "train/visibility.h"
 
@@ -36,9 +37,10 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     : TrainerImpl(s, p, o, t),
       field(o.grid, s.unbounded, cascades_of(s)),
       optimiser(field),
-      tape(field, /*training=*/true, static_cast<float>(o.huber_delta)),
+      tape(field, /*training=*/true,
+           {static_cast<float>(o.huber_delta), /*on_weights=*/o.distortion > 0}),
       errors(p, s.train, static_cast<float>(o.error_guidance)),
-      maker(source, errors, field, t),
+      maker(source, errors, field, o.distortion > 0, t),
       batch(std::max(1, o.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<float>(columns * static_cast<size_t>(field.shape.features()));
@@ -194,6 +196,7 @@ void GridTrainer::run_chunks() {
       for (int r = 0; r < chunk.rays; ++r)
         chunk.data(tape.scale)[r] = scale * batch.weight[i * kChunkRays + static_cast<size_t>(r)];
       tape.tape.forward(chunk);
+      if (options.distortion > 0) add_distortion(chunk, c * ld);
       tape.tape.backward(chunk);
       std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
@@ -213,6 +216,22 @@ void GridTrainer::run_chunks() {
       chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
     }
   });
+}
+
+// A mean over rays: their scale is that of a mean over three channels too.
+void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
+  float* gradient = chunk.data(tape.weight_gradient);
+  std::fill_n(gradient, chunk.samples, 0.0f);
+  for (int r = 0; r < chunk.rays; ++r) {
+    const int32_t begin = chunk.ray_begin[r];
+    const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
+    const auto of_ray = [&](const float* data) { return std::span(data + begin, n); };
+    chunk.loss += distortion_loss(
+        of_ray(batch.middle.data() + first_sample), of_ray(batch.width.data() + first_sample),
+        of_ray(chunk.data(tape.image.weights)),
+        static_cast<float>(3 * options.distortion) * chunk.data(tape.scale)[r],
+        std::span(gradient + begin, n));
+  }
 }
 
 void GridTrainer::scatter() {

@@ -46,6 +46,7 @@ struct GridTrainer final : TrainerImpl {
   float samples_per_cell_at(int64_t step) const;
   void pack();  // after every change of the networks' weights
   void run_chunks();
+  void add_distortion(Chunk& chunk, int64_t first_sample);
   void scatter();
   void observe_samples();
   void observe_errors();

@@ -81,7 +81,7 @@ NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
     : TrainerImpl(s, p, o, t),
-      field(network_of(s, o), first_distance(s, o), last_distance(s, o)),
+      field(network_of(s, o), first_distance(s, o), last_distance(s, o), source.files()),
       gradient(field.weights.size()),
       m(field.weights.size()),
       v(field.weights.size()),
@@ -146,6 +146,7 @@ void NetworkTrainer::draw_rays() {
       ray.random = random;
       ray.background = background;
       if (!cast) continue;
+      ray.photo = source.file_of(pixel.source);
       ray.scale = pixel.weight;
       for (int k = 0; k < 3; ++k)
         ray.target[k] = pixel.rgb[k] * pixel.alpha + background[k] * (1 - pixel.alpha);
@@ -222,6 +223,10 @@ void NetworkTrainer::reduce_gradient() {
 }
 
 void NetworkTrainer::clip_gradient() {
+  for (size_t i = field.network_size(); i < gradient.size(); ++i)
+    if (!std::isfinite(gradient[i]))
+      throw NonFiniteError("the gradient of the photos' codes at step " + std::to_string(done + 1) +
+                           " is not finite");
   for (size_t k = 0; k < field.networks.size(); ++k) {
     const RadianceNetwork& network = field.networks[k];
     double square = 0;
@@ -293,7 +298,11 @@ void NetworkTrainer::begin_anew() {
 }
 
 RadianceField NetworkTrainer::snapshot(ModelInfo info) const {
-  return RadianceField(std::move(info), std::make_shared<NetworkField>(field));
+  // Without the photos' codes, which new views do not have.
+  auto network = std::make_shared<NetworkField>(field.options, field.near, field.far);
+  std::copy_n(field.weights.begin(), network->weights.size(), network->weights.begin());
+  network->ndc = field.ndc;
+  return RadianceField(std::move(info), std::move(network));
 }
 
 namespace {

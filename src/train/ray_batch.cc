@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <map>
 #include <numeric>
 #include <optional>
 
@@ -13,16 +15,21 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     : photos_(photos), views_(scene.train), near_(scene.near) {
   pixels_before_.push_back(0);
   double weight = 0;
+  std::map<std::filesystem::path, int> files;  // a scene that a program made may have names alone
   for (int v : views_) {
     const Photo& p = photos.photos[static_cast<size_t>(v)];
     pixels_before_.push_back(pixels_before_.back() +
                              static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height));
     const View& view = scene.views[static_cast<size_t>(v)];
     poses_.push_back(scene.to_engine.apply(view.pose));
+    const std::filesystem::path file =
+        view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
+    files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
     weights_.push_back(static_cast<float>(view.scale * view.scale));
     weight += static_cast<double>(weights_.back()) *
               static_cast<double>(pixels_before_.back() - pixels_before_[poses_.size() - 1]);
   }
+  file_count_ = static_cast<int>(files.size());
   if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
   mean_weight_ = weight / static_cast<double>(pixels_before_.back());
   const auto keeps_any = [&](int v) {
@@ -83,6 +90,7 @@ bool PixelSource::cast(size_t i, Pixel& out) const {
   out.camera = &photos_.cameras[view];
   out.pose = &poses_[i];
   out.weight = weights_[i];
+  out.source = i;
   const auto direction = unproject(*out.camera, {out.x + 0.5, out.y + 0.5});
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
@@ -107,6 +115,8 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   z = AlignedArray<float>(n);
   spread = AlignedArray<float>(n);
   delta = AlignedArray<float>(n);
+  middle = AlignedArray<float>(n);
+  width = AlignedArray<float>(n);
   cell = AlignedArray<int32_t>(n);
   cell_width = AlignedArray<float>(n);
   samples.resize(static_cast<size_t>(max));
@@ -121,8 +131,8 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
 }
 
 RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
-                             const GridField& field, ThreadPool& pool)
-    : source_(source), errors_(errors), field_(field), pool_(pool) {
+                             const GridField& field, bool intervals, ThreadPool& pool)
+    : source_(source), errors_(errors), field_(field), intervals_(intervals), pool_(pool) {
   for (int i = 0; i < pool.size(); ++i)
     samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
   scratch_.resize(static_cast<size_t>(pool.size()));
@@ -132,7 +142,8 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
                                int thread) {
   constexpr float kUncachedShare = 1.0f / 16;  // of rays, which ignore the cached density
   Block& block = blocks_[static_cast<size_t>(index)];
-  for (auto* v : {&block.x, &block.y, &block.z, &block.spread, &block.delta, &block.cell_width})
+  for (auto* v : {&block.x, &block.y, &block.z, &block.spread, &block.delta, &block.middle,
+                  &block.width, &block.cell_width})
     v->clear();
   block.cell.clear();
   RaySampler& sampler = samplers_[static_cast<size_t>(thread)];
@@ -175,12 +186,16 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
       block.x.push_back(g.x);
       block.y.push_back(g.y);
       block.z.push_back(g.z);
-      if (field_.options.antialias) {
-        const float distance =
-            static_cast<float>(sampler.start()) + samples.t[static_cast<size_t>(s)];
+      const float distance =
+          static_cast<float>(sampler.start()) + samples.t[static_cast<size_t>(s)];
+      if (intervals_) {
+        const float inverse = 1 / (1 + distance);
+        block.middle.push_back(1 - inverse);
+        block.width.push_back(samples.delta[static_cast<size_t>(s)] * inverse * inverse);
+      }
+      if (field_.options.antialias)
         block.spread.push_back(radius > 0 ? cone_spread(radius, distance, field_.grid_scale(p))
                                           : 0.0f);
-      }
       block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
       const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
       block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
@@ -201,6 +216,10 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.y, batch.y);
     copy(block.z, batch.z);
     if (field_.options.antialias) copy(block.spread, batch.spread);
+    if (intervals_) {
+      copy(block.middle, batch.middle);
+      copy(block.width, batch.width);
+    }
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);

@@ -27,8 +27,9 @@ class PixelSource {
     float alpha;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
-    int32_t tile = 0;  // of the error map
-    float weight = 1;  // of its error: the area of the pixel
+    int32_t tile = 0;   // of the error map
+    float weight = 1;   // of its error: the area of the pixel
+    size_t source = 0;  // the i-th training photo
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
   };
@@ -38,6 +39,9 @@ class PixelSource {
   // A pixel of the i-th training photo, from the middle `share` of its width and height.
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
   size_t photos() const { return views_.size(); }
+  // The i-th photo's number among those of different files: the same at every scale.
+  int file_of(size_t i) const { return files_[i]; }
+  int files() const { return file_count_; }
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
@@ -54,6 +58,8 @@ class PixelSource {
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
   std::vector<float> weights_;           // of each photo's pixels
+  std::vector<int> files_;               // see file_of()
+  int file_count_ = 0;
   double mean_weight_ = 1;
   double near_;
 };
@@ -68,6 +74,9 @@ struct RayBatch {
   AlignedArray<float> x, y, z;  // grid coordinates, [0, 1]
   AlignedArray<float> spread;   // of the pixel's cone, see cone_spread(); GridOptions::antialias
   AlignedArray<float> delta;
+  // Of the samples' intervals in inverse distance, 1 - 1 / (1 + engine units from the camera):
+  // [0, 1]. For losses on weights only.
+  AlignedArray<float> middle, width;
   AlignedArray<int32_t> cell;  // occupancy cell: cascade * cells() + cell
   AlignedArray<float> cell_width;
   std::vector<int> samples, rays;                     // of each chunk
@@ -93,8 +102,9 @@ struct RayBatch {
 // Draws `rays` rays of the step and fills the batch until it is full.
 class RayBatchMaker {
  public:
+  // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
-                ThreadPool& pool);
+                bool intervals, ThreadPool& pool);
   void fill(uint64_t seed, int64_t step, int64_t rays, float samples_per_cell, RayBatch& batch);
 
  private:
@@ -109,7 +119,7 @@ class RayBatchMaker {
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
   struct Block {
-    std::vector<float> x, y, z, spread, delta, cell_width;
+    std::vector<float> x, y, z, spread, delta, middle, width, cell_width;
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };
@@ -119,6 +129,7 @@ class RayBatchMaker {
   const PixelSource& source_;
   const ErrorMap& errors_;
   const GridField& field_;
+  bool intervals_;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread
   std::vector<RaySamples> scratch_;

@@ -82,6 +82,21 @@ TEST(Gradient, EncodingBesideOtherReaders) {
                   });
 }
 
+// Some rows are asked for several times, some never, and some columns ask for none.
+TEST(Gradient, TableRows) {
+  static const LinearWeights table{0, 5, 4};
+  for (Domain domain : {kSamples, kRays})
+    check_operation(
+        {"table_rows",
+         {{1, domain, false, -1, 4}},
+         {table},
+         [](Tape& t, const Values& v) { return Values{sigmoid(t, table_rows(t, v[0], table))}; },
+         60},
+        []<class T>(const Given<T>& v) -> Outputs<T> {
+          return {on_columns::sigmoid(on_columns::table_rows(v[0], v.weights, table))};
+        });
+}
+
 TEST(Gradient, Softplus) {
   for (double range : {3.0, 60.0})
     for (float shift : {0.0f, -1.0f})

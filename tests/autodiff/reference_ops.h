@@ -129,6 +129,19 @@ Columns<T> repeat_for_samples(const Columns<T>& x, const Rays& rays) {
   return y;
 }
 
+template <class T>
+Columns<T> table_rows(const Columns<T>& index, const std::vector<T>& weights,
+                      const LinearWeights& w) {
+  return each(index, [&](const std::vector<T>& c) {
+    const int row = static_cast<int>(std::floor(reference::real_part(c[0])));
+    std::vector<T> out;
+    for (int k = 0; k < w.in; ++k)
+      out.push_back(
+          row < 0 ? T(0) : weights[w.offset + static_cast<size_t>(row * weight_stride(w.in) + k)]);
+    return out;
+  });
+}
+
 // One code per ray, repeated for its samples.
 template <class T>
 Columns<T> view_code(const Columns<T>& directions, const Rays& rays) {

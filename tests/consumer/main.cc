@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <vector>
 
+#include "composed_method.h"
 #include "nerf/base/cancel.h"
 #include "nerf/base/error.h"
 #include "nerf/base/threads.h"
@@ -104,6 +105,20 @@ void use_training(const char* folder) {
   expect(loaded.info().views.size() == scene.views.size(), "a model knows its views");
 }
 
+// Parts of the library make a method that it does not hold.
+void use_parts(const char* folder) {
+  nerf::ThreadPool pool;
+  nerf::SceneOptions load;
+  load.downscale = 8;
+  const nerf::Scene scene = nerf::load_scene(folder, load);
+  const nerf::PhotoSet photos = nerf::load_photos(scene, pool);
+  const ComposedResult r = train_composed_method(scene, photos, 200, 1);
+  std::printf("composed: squared error %.4f -> %.4f, loss %.4f -> %.4f\n", r.first.squared_error,
+              r.last.squared_error, r.first.loss, r.last.loss);
+  expect(r.last.squared_error < 0.5 * r.first.squared_error, "a composed method learns");
+  expect(std::isfinite(r.last.loss) && r.last.loss < r.first.loss, "its loss falls");
+}
+
 // The library's exceptions cross its border.
 void use_errors() {
   try {
@@ -126,6 +141,7 @@ int main(int argc, char** argv) {
     use_cameras();
     use_scene(argv[1]);
     use_training(argv[1]);
+    use_parts(argv[1]);
     use_errors();
   } catch (const std::exception& e) {
     std::fprintf(stderr, "%s\n", e.what());

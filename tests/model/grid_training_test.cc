@@ -50,7 +50,9 @@ GridOptions tiny_options() {
 
 struct TinyRun {
   TinyRun()
-      : field(tiny_options(), false, 1), tape(field, /*training=*/true, 0.1f), chunk(tape.tape) {
+      : field(tiny_options(), false, 1),
+        tape(field, /*training=*/true, {.huber_delta = 0.1f}),
+        chunk(tape.tape) {
     EXPECT_EQ(field.shape.rows, 128u);
     EXPECT_TRUE(field.shape.levels[0].dense && !field.shape.levels[1].dense);
     uint32_t stream = 1;

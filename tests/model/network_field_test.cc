@@ -73,6 +73,31 @@ TEST(NetworkField, FirstWeightsFollowTheSeedAndTheirBounds) {
   }
 }
 
+// A row for each photo while it is trained, none in what is rendered; the networks stay where they
+// are.
+TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
+  NetworkOptions o = mipnerf360_options();
+  o.image_code = 4;
+  NetworkField trained(o, 2, 6, /*photos=*/5);
+  const NetworkField rendered(o, 2, 6);
+  EXPECT_EQ(trained.codes().out, 5);
+  EXPECT_EQ(trained.network_size(), rendered.weights.size());
+  EXPECT_EQ(trained.parameters(), 9007493u + 4 * 128);
+  trained.initialise(1);
+  double square = 0;
+  float largest = 0;
+  for (int j = 0; j < 5; ++j)
+    for (int k = 0; k < 4; ++k) {
+      const float c =
+          trained.weights[trained.codes().offset + static_cast<size_t>(j * weight_stride(4) + k)];
+      square += static_cast<double>(c * c);
+      largest = std::max(largest, std::fabs(c));
+    }
+  EXPECT_LE(largest, std::sqrt(0.75f));
+  // 20 draws of variance 1/4; of their squares the standard deviation is 0.224.
+  EXPECT_NEAR(square / 20, 0.25, 4 * 0.224 / std::sqrt(20.0));
+}
+
 TEST(NetworkField, ImpossibleCombinationsAreErrors) {
   const auto refused = [](const std::function<void(NetworkOptions&)>& change) {
     NetworkOptions o = nerf_options();
@@ -96,6 +121,11 @@ TEST(NetworkField, ImpossibleCombinationsAreErrors) {
               o.shared = true;
               o.proposal_colour = false;
             }).find("colours at every level"),
+            std::string::npos);
+  EXPECT_NE(refused([](NetworkOptions& o) {
+              o.image_code = 4;
+              o.view_dependence = false;
+            }).find("view direction"),
             std::string::npos);
 }
 
@@ -130,9 +160,12 @@ Outputs<T> network_template(const NetworkField& field, const Given<T>& v) {
     const Columns<T> view = on_columns::frequency_encoding(
         directions, std::vector<double>(static_cast<size_t>(o.direction_degrees), 1.0), true);
     seen = on_columns::linear(h, v.weights, n.bottleneck, false);
-    seen =
-        on_columns::linear(on_columns::concat(seen, on_columns::repeat_for_samples(view, v.rays)),
-                           v.weights, n.view, true);
+    seen = on_columns::concat(seen, on_columns::repeat_for_samples(view, v.rays));
+    if (o.image_code > 0)
+      seen = on_columns::concat(
+          seen, on_columns::repeat_for_samples(
+                    on_columns::table_rows(v[next + 5], v.weights, n.codes), v.rays));
+    seen = on_columns::linear(seen, v.weights, n.view, true);
   }
   Columns<T> colour = on_columns::sigmoid(on_columns::linear(seen, v.weights, n.colour, false));
   const double padding = static_cast<double>(o.colour_padding);
@@ -146,7 +179,8 @@ TEST(NetworkField, GradientOfTheWholeModel) {
     for (bool view_dependence : {true, false}) {
       NetworkOptions o = small_network(full);
       o.view_dependence = view_dependence;
-      const NetworkField field(o, 2, 6);
+      if (view_dependence && o.opaque_end) o.image_code = 3;
+      const NetworkField field(o, 2, 6, /*photos=*/2);
       NetworkTape t(o, field.networks.back(), 32, 4, NetworkTape::Purpose::kTrain, {});
       TapeUnderTest test{&t.tape, {}, {}, {}, {}, 900};
       const auto input = [&](Value value, TestInput spec) {
@@ -160,9 +194,10 @@ TEST(NetworkField, GradientOfTheWholeModel) {
       input(t.background, {3, Domain::kRays, false, 0, 1});
       input(t.target, {3, Domain::kRays, false, 0, 1});
       input(t.scale, {1, Domain::kRays, false, 0.1, 1});
+      if (o.image_code > 0) input(t.photo, {1, Domain::kRays, false, -1, 2});
       const RadianceNetwork& n = field.networks.back();
       for (const LinearWeights& w : n.trunk) test.layers.push_back(w);
-      for (const LinearWeights* w : {&n.density, &n.bottleneck, &n.view, &n.colour})
+      for (const LinearWeights* w : {&n.density, &n.bottleneck, &n.view, &n.colour, &n.codes})
         if (w->out > 0) test.layers.push_back(*w);
       test.shared = 1;
       test.weight_range = 0.4;

@@ -43,6 +43,34 @@ TEST(HistogramLosses, DistortionMatchesGoldenAndItsGradientTheTemplate) {
   gradient.report();
 }
 
+// Intervals that touch are the bins between their edges; ones with gaps are the template's.
+TEST(HistogramLosses, DistortionOfIntervalsWithGaps) {
+  WorstError worst("distortion_gaps"), gradient("distortion_gaps_gradient");
+  for (const int n : {0, 1, 2, 17, 64}) {
+    Random random(5, static_cast<uint64_t>(n), 0);
+    std::vector<float> middles, widths, w;
+    float at = 0;
+    for (int i = 0; i < n; ++i) {
+      const float width = random.uniform() / 64;
+      middles.push_back(at + 0.5f * width);
+      widths.push_back(width);
+      w.push_back(random.uniform() / static_cast<float>(n));
+      at += width + random.uniform() / 64;
+    }
+    std::vector<float> d(w.size());
+    const auto exact = [&](const std::vector<Complex>& x) {
+      return reference::distortion_loss(doubles(middles), doubles(widths), x);
+    };
+    const std::vector<Complex> x(w.begin(), w.end());
+    worst.compare(distortion_loss(middles, widths, w, 1, d), exact(x).real(), kSum, "n", n);
+    const auto want = complex_step_gradient(exact, doubles(w));
+    for (size_t i = 0; i < w.size(); ++i)
+      gradient.compare(d[i], want[i], 3 * kRoundoff * std::fabs(want[i]) + kSum, "n", n, "i", i);
+  }
+  worst.report();
+  gradient.report();
+}
+
 TEST(HistogramLosses, InterlevelMatchesGoldenAndItsGradientTheTemplate) {
   WorstError loss("interlevel"), gradient("interlevel_gradient");
   int active = 0;

@@ -153,8 +153,39 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.interlevel += 0.5f; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.clip = 1e-5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.near = 0.7; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.network.image_code = 2; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.network.sampling.spacing = Spacing::kInverse; }) ||
               options.network.sampling.spacing == Spacing::kInverse);
+}
+
+// Photos of other exposures than the held-out ones: with a code each is learnt as it is. New views
+// have none and follow the networks alone, from a file without codes.
+TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
+  auto c = sphere_capture(16, 32);
+  for (size_t i = 0; i < c.photos.photos.size(); ++i)
+    for (uint8_t& p : c.photos.photos[i].pixels8)
+      if ((&p - c.photos.photos[i].pixels8.data()) % 4 != 3)
+        p = static_cast<uint8_t>(p * (i % 3 + 1) / 3);
+  ThreadPool pool(2);
+  const auto psnr_after = [&](int code) {
+    TrainOptions options = tiny_method_options(GetParam(), 500);
+    options.network.image_code = code;
+    Trainer trainer(c.scene, c.photos, options, pool);
+    double sum = 0;
+    trainer.run([&](const StepReport& r) {
+      if (r.step > 400) sum += r.psnr / 100;
+      return true;
+    });
+    const RadianceField field = trainer.snapshot();
+    EXPECT_EQ(field.network().codes().out, 0);
+    test::TempFolder folder;
+    field.save(folder / "m");
+    const Pose& pose = c.scene.views[0].pose;
+    EXPECT_EQ(render(field, c.scene.cameras[0], pose, {}, pool).rgb,
+              render(RadianceField::load(folder / "m"), c.scene.cameras[0], pose, {}, pool).rgb);
+    return sum;
+  };
+  EXPECT_GT(psnr_after(4), psnr_after(0) + 1);
 }
 
 TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {

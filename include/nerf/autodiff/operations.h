@@ -80,6 +80,10 @@ Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees);
 // [d x rays] -> [d x samples]: a ray's column for each of its samples.
 Value repeat_for_samples(Tape& tape, Value x);
 
+// [1 x n] -> [w.in x n]: row floor(index) of the table w [w.out x w.in], whose numbers are learnt;
+// zeros where the index is below 0. A code for each photo (Bojanowski et al. 2018).
+Value table_rows(Tape& tape, Value index, const LinearWeights& w);
+
 // Spherical harmonics [16 x samples] of the unit directions [3 x rays], repeated for a ray's
 // samples.
 Value view_code(Tape& tape, Value directions);

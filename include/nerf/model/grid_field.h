@@ -104,6 +104,12 @@ struct GridField {
 inline constexpr int kChunkSamples = 240;
 inline constexpr int kChunkRays = 240;
 
+// What a training tape ends in.
+struct GridLosses {
+  float huber_delta = 0.5f;
+  bool on_weights = false;  // the caller adds gradients to the weights along the rays
+};
+
 // The field on a tape, with the values that a caller fills and reads.
 struct GridTape {
   Tape tape{kChunkSamples, kChunkRays};
@@ -116,8 +122,9 @@ struct GridTape {
   Value density = 0;            // out: [1 x samples]
   Value colour = 0;             // out: [3 x samples]
   Composite image{};            // out
+  Value weight_gradient = -1;   // between, GridLosses::on_weights only: [1 x samples]
 
-  GridTape(const GridField& field, bool training, float huber_delta = 0.5f);
+  GridTape(const GridField& field, bool training, const GridLosses& losses = {});
 
   // Only what density needs.
   void forward_density(Chunk& chunk) const { tape.forward(chunk, 0, density_operations_); }

@@ -21,14 +21,15 @@ struct RadianceNetwork {
   std::vector<LinearWeights> trunk;
   LinearWeights density;
   LinearWeights bottleneck, view, colour;  // of size 0 where there is no colour
+  LinearWeights codes;                     // [photos x image_code], behind all networks' weights
   bool has_colour = false;
   size_t begin = 0, end = 0;  // in the field's weights
   size_t parameters() const;  // without padding
 };
 
 // The networks of these options, one behind the other: that of the levels before the last, unless
-// all share one, then the last level's.
-std::vector<RadianceNetwork> place_networks(const NetworkOptions& options);
+// all share one, then the last level's. Behind them come the codes of so many photos.
+std::vector<RadianceNetwork> place_networks(const NetworkOptions& options, int photos = 0);
 
 inline const RadianceNetwork& network_of(const NetworkOptions& options,
                                          const std::vector<RadianceNetwork>& networks, int level) {
@@ -38,8 +39,9 @@ inline const RadianceNetwork& network_of(const NetworkOptions& options,
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct NetworkField {
   // near and far: the first and last distance of samples from a camera, engine units; 0 and 1 in
-  // normalised device coordinates.
-  NetworkField(const NetworkOptions& options, double near, double far);
+  // normalised device coordinates. photos: that have a code (NetworkOptions::image_code), while it
+  // is trained; what is rendered knows none.
+  NetworkField(const NetworkOptions& options, double near, double far, int photos = 0);
 
   NetworkOptions options;
   double near, far;
@@ -50,8 +52,10 @@ struct NetworkField {
   const RadianceNetwork& network_of(int level) const {
     return nerf::network_of(options, networks, level);
   }
-  size_t parameters() const;  // without padding
+  size_t parameters() const;  // without padding, of the networks
   std::vector<LinearWeights> layers() const;
+  size_t network_size() const { return networks.back().end; }  // of `weights`; then come the codes
+  const LinearWeights& codes() const { return networks.back().codes; }
   // Random weights, keyed by the seed; biases 0.
   void initialise(uint64_t seed);
 };
@@ -79,6 +83,7 @@ struct NetworkTape {
   Value variance = 0;    // in, integrated encodings: the same shape
   Value directions = 0;  // in: [3 x rays], unit
   Value delta = 0;       // in: [1 x samples]
+  Value photo = -1;      // in, with image codes: [1 x rays], number of the photo; below 0: none
   Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
   Value background = 0;  // in: [3 x rays]
   Value target = 0, scale = 0;  // in, training: [3 x rays], [1 x rays]

@@ -56,6 +56,7 @@ struct NetworkOptions {
   int skip = 4;          // the input is given again behind every skip-th layer
   int bottleneck = 256;  // features handed from density to colour
   int view_width = 128;
+  int image_code = 0;  // numbers learnt for each photo, which its colours depend on
   int proposal_depth = 8, proposal_width = 256;  // of the levels before the last
   bool proposal_colour = true;                   // those levels render pixels too
   DensityActivation density = DensityActivation::kRelu;
@@ -84,6 +85,11 @@ struct NetworkOptions {
       at_most(kMostWidth));
     v("view_width", view_width, "width of the layer that sees the view direction", at_least(1),
       at_most(kMostWidth));
+    v("image_code", image_code,
+      "numbers learnt for each photo, which its colours may depend on (exposure, weather); 0 in "
+      "all "
+      "other views",
+      at_least(0), at_most(256));
     v("proposal_depth", proposal_depth, "hidden layers of the levels before the last", at_least(1),
       at_most(32));
     v("proposal_width", proposal_width, "width of the levels before the last", at_least(16),

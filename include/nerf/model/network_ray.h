@@ -21,6 +21,7 @@ struct NetworkRay {
   float radius = 0;
   Vec3 background;
   // Training only.
+  int photo = -1;   // whose code the colour may depend on; below 0: none
   Vec3 target;      // colour of the pixel
   float scale = 0;  // of its squared error, summed over channels, in the loss
   Random random{0, 0, 0};

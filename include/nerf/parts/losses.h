@@ -11,6 +11,10 @@ namespace nerf {
 double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
                        std::span<float> d_weights);
 
+// The same of n intervals in order that may leave gaps: the middle and the width of each.
+double distortion_loss(std::span<const float> middles, std::span<const float> widths,
+                       std::span<const float> weights, float scale, std::span<float> d_weights);
+
 // Barron et al. 2022, equation 13: a proposal's weights must bound those of the final histogram
 // from above; the final ones pass no gradient. Adds scale times the gradient with respect to the
 // proposal's weights to d_proposal and returns scale times the loss, summed over the final bins.

@@ -40,6 +40,7 @@ struct TrainOptions {
   int warmup_steps = 64;                   // over which the rate rises
   double hold = 0.1;  // share of the steps before the rate begins to fall, linearly
   double huber_delta = 0.5;
+  double distortion = 0;
   double network_l2 = 1e-6;
   double early_samples = 1.0 / 3;     // of the first steps, as a share of samples_per_cell
   double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
@@ -70,6 +71,10 @@ struct TrainOptions {
       "of steps within it",
       at_least(0), at_most(0.9));
     v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
+    v("distortion", distortion,
+      "weight of the loss that draws the light of a ray together (grid; --recipe-distortion of the "
+      "paper methods)",
+      at_least(0), at_most(1000));
     v("network_l2", network_l2, "weight decay of the networks", at_least(0));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "

@@ -8,19 +8,31 @@
 
 namespace nerf::reference {
 
-// sum_ij w_i w_j |m_i - m_j| + 1/3 sum_i w_i^2 (s_{i+1} - s_i), m the bins' middles (Barron et al.
-// 2022, equation 15).
+// sum_ij w_i w_j |m_i - m_j| + 1/3 sum_i w_i^2 d_i of intervals with middles m and widths d (Barron
+// et al. 2022, equation 15).
 template <class T>
-T distortion_loss(const std::vector<double>& s, const std::vector<T>& w) {
+T distortion_loss(const std::vector<double>& middles, const std::vector<double>& widths,
+                  const std::vector<T>& w) {
   T sum(0);
   for (size_t i = 0; i < w.size(); ++i) {
     for (size_t j = 0; j < w.size(); ++j) {
-      const double apart = 0.5 * (s[i] + s[i + 1]) - 0.5 * (s[j] + s[j + 1]);
+      const double apart = middles[i] - middles[j];
       sum += w[i] * w[j] * T(apart < 0 ? -apart : apart);
     }
-    sum += w[i] * w[i] * T((s[i + 1] - s[i]) / 3);
+    sum += w[i] * w[i] * T(widths[i] / 3);
   }
   return sum;
+}
+
+// The same of the bins between edges s.
+template <class T>
+T distortion_loss(const std::vector<double>& s, const std::vector<T>& w) {
+  std::vector<double> middles, widths;
+  for (size_t i = 0; i < w.size(); ++i) {
+    middles.push_back(0.5 * (s[i] + s[i + 1]));
+    widths.push_back(s[i + 1] - s[i]);
+  }
+  return distortion_loss(middles, widths, w);
 }
 
 // sum_i max(0, w_i - bound_i)^2 / (w_i + epsilon), bound_i the weight of all proposal bins that
