@@ -133,7 +133,8 @@ template <class T>
 Columns<T> table_rows(const Columns<T>& index, const std::vector<T>& weights,
                       const LinearWeights& w) {
   return each(index, [&](const std::vector<T>& c) {
-    const int row = static_cast<int>(std::floor(reference::real_part(c[0])));
+    using reference::real_part;
+    const int row = static_cast<int>(std::floor(real_part(c[0])));
     std::vector<T> out;
     for (int k = 0; k < w.in; ++k)
       out.push_back(

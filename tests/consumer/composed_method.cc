@@ -13,6 +13,7 @@
 #include "nerf/math/camera.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"
+#include "nerf/math/step_function.h"
 #include "nerf/parts/interval_sampler.h"
 #include "nerf/parts/losses.h"
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <vector>
 
 #include "autodiff/reference_ops.h"
@@ -29,9 +30,10 @@ GridOptions small_options(int density_layers, int colour_layers) {
 
 // The whole model from features to the loss: its values, and its gradients by features and weights.
 TEST(GridTape, GradientOfTheWholeModel) {
-  for (const auto& [density_layers, colour_layers] : {std::pair{1, 1}, {2, 2}}) {
+  for (const auto& [density_layers, colour_layers, on_weights] :
+       {std::tuple{1, 1, false}, {2, 2, false}, {1, 1, true}}) {
     const GridField field(small_options(density_layers, colour_layers), false, 1);
-    const GridTape tape(field, /*training=*/true, 0.1f);
+    const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1f, .on_weights = on_weights});
     TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
     test.specs = {{field.shape.features(), Domain::kSamples, true},
                   {3, Domain::kRays, false, -1, 1, /*unit=*/true},
@@ -41,6 +43,10 @@ TEST(GridTape, GradientOfTheWholeModel) {
                   {1, Domain::kRays, false, 0.01, 0.1}};
     test.inputs = {tape.features,   tape.directions, tape.delta,
                    tape.background, tape.target,     tape.scale};
+    if (on_weights) {  // nothing is added
+      test.specs.push_back({1, Domain::kSamples, false, 0, 0});
+      test.inputs.push_back(tape.weight_gradient);
+    }
     for (const auto* layers : {&field.density_layers, &field.colour_layers})
       test.layers.insert(test.layers.end(), layers->begin(), layers->end());
     // The longest chain: sums over 21 inputs and widths of 16 there and back, and over the samples.

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "golden/draws.h"
 #include "golden/golden.h"
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
@@ -20,19 +21,6 @@ const std::vector<std::vector<int>> kCounts = {  // samples of each ray, step by
     {7, 0, 5, 9, 3, 8},
     {1, 16, 0, 4, 17, 2},
     {12, 3, 3, 0, 1, 6}};
-
-// n numbers of 24 bits in [0, 1), as the script draws them.
-std::vector<float> draw(uint32_t stream, size_t n) {
-  std::vector<float> out;
-  for (uint32_t i = 0; i < n; ++i) {
-    uint32_t h = i * 2654435761u + stream * 2654435769u;
-    h = (h ^ (h >> 16)) * 0x85EBCA6Bu;
-    h = (h ^ (h >> 13)) * 0xC2B2AE35u;
-    h ^= h >> 16;
-    out.push_back(static_cast<float>(h >> 8) * 0x1p-24f);
-  }
-  return out;
-}
 
 GridOptions tiny_options() {
   GridOptions o;
@@ -59,11 +47,11 @@ struct TinyRun {
     for (const auto* layers : {&field.density_layers, &field.colour_layers})
       for (const LinearWeights& w : *layers) {
         all_layers.push_back(w);
-        const auto values = draw(stream++, static_cast<size_t>(w.in * w.out));
+        const auto values = golden_draw(stream++, static_cast<size_t>(w.in * w.out));
         for (int i = 0; i < w.in * w.out; ++i)
           field.weights[at(w, i)] = (2 * values[static_cast<size_t>(i)] - 1) / 2;
       }
-    const auto values = draw(9, field.table.size());
+    const auto values = golden_draw(9, field.table.size());
     for (size_t i = 0; i < values.size(); ++i) field.table[i] = (2 * values[i] - 1) / 2;
     for (auto* a : {&gradient, &m, &v}) *a = AlignedArray<float>(field.weights.size());
     for (auto* a : {&table_gradient, &table_m, &table_v})
@@ -88,7 +76,7 @@ struct TinyRun {
     const uint32_t stream = static_cast<uint32_t>(100 * s);
     // Odd multiples of 1/2048.
     Matrix places(3, n);
-    const auto drawn = draw(stream + 10, static_cast<size_t>(3 * n));
+    const auto drawn = golden_draw(stream + 10, static_cast<size_t>(3 * n));
     for (int k = 0; k < 3; ++k)
       for (int i = 0; i < places.padded; ++i)
         places.at(k, i) =
@@ -137,13 +125,13 @@ struct TinyRun {
               f(values[static_cast<size_t>(k * columns + i)]);
     };
     const auto same = [](float u) { return u; };
-    put(tape.delta, draw(stream + 12, static_cast<size_t>(n)), n,
+    put(tape.delta, golden_draw(stream + 12, static_cast<size_t>(n)), n,
         [](float u) { return u / 4 + 0.0625f; });
     for (int i = n; i < round_up(n, kLane); ++i) chunk.data(tape.delta)[i] = 0;
-    put(tape.background, draw(stream + 13, 3 * kRays), kRays, same);
-    put(tape.target, draw(stream + 14, 3 * kRays), kRays, same);
+    put(tape.background, golden_draw(stream + 13, 3 * kRays), kRays, same);
+    put(tape.target, golden_draw(stream + 14, 3 * kRays), kRays, same);
     put(tape.scale, std::vector<float>(kRays, static_cast<float>(1.0 / (3 * kRays))), kRays, same);
-    std::vector<float> directions = draw(stream + 11, 3 * kRays);
+    std::vector<float> directions = golden_draw(stream + 11, 3 * kRays);
     for (size_t r = 0; r < kRays; ++r) {
       double d[3];
       for (size_t k = 0; k < 3; ++k)

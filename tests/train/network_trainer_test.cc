@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "nerf/model/network_field.h"
 #include "nerf/model/renderer.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/methods.h"
@@ -158,22 +159,27 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
               options.network.sampling.spacing == Spacing::kInverse);
 }
 
-// Photos of other exposures than the held-out ones: with a code each is learnt as it is. New views
-// have none and follow the networks alone, from a file without codes.
+// Photos of three exposures from the same places, so that the view direction cannot tell them
+// apart: with a code each is learnt as it is. New views have none, and a model file holds none.
 TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
   auto c = sphere_capture(16, 32);
-  for (size_t i = 0; i < c.photos.photos.size(); ++i)
-    for (uint8_t& p : c.photos.photos[i].pixels8)
-      if ((&p - c.photos.photos[i].pixels8.data()) % 4 != 3)
-        p = static_cast<uint8_t>(p * (i % 3 + 1) / 3);
+  for (size_t i = 0; i < c.scene.views.size(); ++i) {
+    const size_t place = i / 4 * 4;  // the held-out one of the four
+    if (i == place) continue;
+    c.scene.views[i].pose = c.scene.views[place].pose;
+    c.photos.photos[i] = c.photos.photos[place];
+    std::vector<uint8_t>& rgba = c.photos.photos[i].pixels8;
+    for (size_t k = 0; k < rgba.size(); ++k)
+      if (k % 4 != 3) rgba[k] = static_cast<uint8_t>(rgba[k] * (i % 4) / 3);
+  }
   ThreadPool pool(2);
   const auto psnr_after = [&](int code) {
-    TrainOptions options = tiny_method_options(GetParam(), 500);
+    TrainOptions options = tiny_method_options(GetParam(), 1000);
     options.network.image_code = code;
     Trainer trainer(c.scene, c.photos, options, pool);
     double sum = 0;
     trainer.run([&](const StepReport& r) {
-      if (r.step > 400) sum += r.psnr / 100;
+      if (r.step > 900) sum += r.psnr / 100;
       return true;
     });
     const RadianceField field = trainer.snapshot();
@@ -185,7 +191,7 @@ TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
               render(RadianceField::load(folder / "m"), c.scene.cameras[0], pose, {}, pool).rgb);
     return sum;
   };
-  EXPECT_GT(psnr_after(4), psnr_after(0) + 1);
+  EXPECT_GT(psnr_after(4), psnr_after(0) + 3);
 }
 
 TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {

@@ -86,9 +86,9 @@ struct NetworkOptions {
     v("view_width", view_width, "width of the layer that sees the view direction", at_least(1),
       at_most(kMostWidth));
     v("image_code", image_code,
-      "numbers learnt for each photo, which its colours may depend on (exposure, weather); 0 in "
-      "all "
-      "other views",
+      "numbers learnt for each photo that its colours may depend on (exposure, weather); 0 in "
+      "other "
+      "views",
       at_least(0), at_most(256));
     v("proposal_depth", proposal_depth, "hidden layers of the levels before the last", at_least(1),
       at_most(32));

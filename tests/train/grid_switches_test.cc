@@ -1,0 +1,74 @@
+// A switch of the grid method that changes neither the work of a training nor its result would be a
+// lie.
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <vector>
+
+#include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+struct Work {
+  int64_t rays = 0, samples = 0;
+  std::vector<uint8_t> bits;
+};
+
+Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOptions&)>& change) {
+  ThreadPool pool(2);
+  TrainOptions options = test::tiny_options(80);
+  change(options);
+  Trainer trainer(c.scene, c.photos, options, pool);
+  Work work;
+  trainer.run([&](const StepReport& r) {
+    work.rays += r.rays;
+    work.samples += r.samples;
+    return true;
+  });
+  work.bits = test::bits_of(trainer);
+  return work;
+}
+
+double samples_per_ray(const Work& w) {
+  return static_cast<double>(w.samples) / static_cast<double>(w.rays);
+}
+
+TEST(GridSwitches, SaveSamplesOfARay) {
+  const auto c = test::sphere_capture(8, 32);
+  const double usual = samples_per_ray(work_of(c, [](TrainOptions&) {}));
+  const auto of = [&](const std::function<void(TrainOptions&)>& change) {
+    return samples_per_ray(work_of(c, change));
+  };
+  EXPECT_GT(of([](TrainOptions& o) { o.early_samples = 1; }), usual);
+  EXPECT_LT(of([](TrainOptions& o) { o.grid.sampler.samples_per_cell = 1; }), usual);
+  EXPECT_LT(of([](TrainOptions& o) { o.grid.sampler.max_samples = 8; }), usual);
+  EXPECT_GT(of([](TrainOptions& o) { o.grid.sampler.min_samples = 8; }), usual);
+  EXPECT_LT(of([](TrainOptions& o) { o.occupancy_threshold = 0.2; }), usual);
+}
+
+TEST(GridSwitches, ChangeWhatIsLearnt) {
+  const auto c = test::sphere_capture(8, 32);
+  const Work usual = work_of(c, [](TrainOptions&) {});
+  const auto differs = [&](const std::function<void(TrainOptions&)>& change) {
+    return work_of(c, change).bits != usual.bits;
+  };
+  EXPECT_FALSE(differs([](TrainOptions&) {}));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.seed = 2; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.error_guidance = 0; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.distortion = 0.01; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.huber_delta = 0.05; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.network_l2 = 1e-3; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.network_rate = 0.5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.final_rate = 0.5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.warmup_steps = 8; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.hold = 0.5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.uniform_share = 0.1f; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.min_transmittance = 0.5f; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.antialias = true; }));
+}
+
+}  // namespace
+}  // namespace nerf
