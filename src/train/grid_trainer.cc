@@ -35,12 +35,13 @@ OptimiserState::OptimiserState(const GridField& field)
 
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t),
+      distortion(distortion_weight(o, s)),
       field(o.grid, s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true,
-           {static_cast<float>(o.huber_delta), /*on_weights=*/o.distortion > 0}),
+           {static_cast<float>(o.huber_delta), /*on_weights=*/distortion > 0}),
       errors(p, s.train, static_cast<float>(o.error_guidance)),
-      maker(source, errors, field, o.distortion > 0, t),
+      maker(source, errors, field, distortion > 0, t),
       batch(std::max(1, o.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<float>(columns * static_cast<size_t>(field.shape.features()));
@@ -196,7 +197,7 @@ void GridTrainer::run_chunks() {
       for (int r = 0; r < chunk.rays; ++r)
         chunk.data(tape.scale)[r] = scale * batch.weight[i * kChunkRays + static_cast<size_t>(r)];
       tape.tape.forward(chunk);
-      if (options.distortion > 0) add_distortion(chunk, c * ld);
+      if (distortion > 0) add_distortion(chunk, c * ld);
       tape.tape.backward(chunk);
       std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
@@ -226,11 +227,11 @@ void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
     const int32_t begin = chunk.ray_begin[r];
     const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
     const auto of_ray = [&](const float* data) { return std::span(data + begin, n); };
-    chunk.loss += distortion_loss(
-        of_ray(batch.middle.data() + first_sample), of_ray(batch.width.data() + first_sample),
-        of_ray(chunk.data(tape.image.weights)),
-        static_cast<float>(3 * options.distortion) * chunk.data(tape.scale)[r],
-        std::span(gradient + begin, n));
+    chunk.loss += distortion_loss(of_ray(batch.middle.data() + first_sample),
+                                  of_ray(batch.width.data() + first_sample),
+                                  of_ray(chunk.data(tape.image.weights)),
+                                  static_cast<float>(3 * distortion) * chunk.data(tape.scale)[r],
+                                  std::span(gradient + begin, n));
   }
 }
 

@@ -57,6 +57,7 @@ struct GridTrainer final : TrainerImpl {
   void refresh_occupancy();
   void initialise();
 
+  double distortion;  // weight of the loss
   GridField field;
   AlignedArray<uint16_t> packed;  // of its networks; options.precision kBf16 only
   OptimiserState optimiser;

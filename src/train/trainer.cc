@@ -26,6 +26,11 @@ std::unique_ptr<TrainerImpl> make_trainer(const Scene& scene, const PhotoSet& ph
 
 }  // namespace
 
+double distortion_weight(const TrainOptions& options, const Scene& scene) {
+  constexpr double kUnbounded = 0.02;  // docs/benchmarks.md, "What changed the quality"
+  return options.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
+}
+
 bool learns_from_reduced_photos(const TrainOptions& options) {
   return options.method != kGridMethod || options.grid.antialias;
 }

@@ -68,6 +68,16 @@ TEST(GridDistortion, DrawsTheLightOfRaysTogether) {
             evaluate(without, c.scene, c.photos, {}, pool).psnr - 1);
 }
 
+TEST(GridDistortion, FollowsTheSceneUnlessItIsGiven) {
+  Scene scene;
+  TrainOptions options;
+  EXPECT_EQ(distortion_weight(options, scene), 0);
+  scene.unbounded = true;
+  EXPECT_GT(distortion_weight(options, scene), 0);
+  options.distortion = 0;
+  EXPECT_EQ(distortion_weight(options, scene), 0);
+}
+
 TEST(GridDistortion, ThreadsChangeNothing) {
   const auto c = test::sphere_capture();
   const auto bits = [&](double weight, int threads) {

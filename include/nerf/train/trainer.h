@@ -40,7 +40,7 @@ struct TrainOptions {
   int warmup_steps = 64;                   // over which the rate rises
   double hold = 0.1;  // share of the steps before the rate begins to fall, linearly
   double huber_delta = 0.5;
-  double distortion = 0;
+  std::optional<double> distortion;  // see distortion_weight()
   double network_l2 = 1e-6;
   double early_samples = 1.0 / 3;     // of the first steps, as a share of samples_per_cell
   double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
@@ -72,8 +72,9 @@ struct TrainOptions {
       at_least(0), at_most(0.9));
     v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
     v("distortion", distortion,
-      "weight of the loss that draws the light of a ray together (grid; --recipe-distortion of the "
-      "paper methods)",
+      "weight of the loss that draws the light of a ray together; without it 0.02 where the scene "
+      "is "
+      "unbounded, else 0 (grid; --recipe-distortion of the paper methods)",
       at_least(0), at_most(1000));
     v("network_l2", network_l2, "weight decay of the networks", at_least(0));
     v("early_samples", early_samples,
@@ -95,6 +96,10 @@ struct TrainOptions {
     network.check_options();
   }
 };
+
+// Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
+// options say, or a default by the kind of scene.
+double distortion_weight(const TrainOptions& options, const Scene& scene);
 
 // Whether photos at smaller scales (photo_scales.h) tell the method anything: not a field of
 // points, to which a reduced photo says nothing that the full one does not.
