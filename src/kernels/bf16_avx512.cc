@@ -17,22 +17,76 @@ __m512i rounded(__m512 low, __m512 high) { return (__m512i)_mm512_cvtne2ps_pbh(h
 
 int64_t blocks(int64_t n, int64_t unit) { return (n + unit - 1) / unit; }
 
+// What becomes of R x NV finished sums; `end` where no depth is left.
 template <int R, int NV>
+inline __attribute__((always_inline)) void finish(const Bf16Product& p, __m512 (&acc)[R][NV],
+                                                  int64_t row, int64_t column, bool end) {
+  const __m512 zero = _mm512_setzero_ps();
+  const int64_t rows = p.rows - row;
+  float* out = p.out + row * p.ld + column;
+  const auto each = [&](auto&& value) __attribute__((always_inline)) {
+    for (int r = 0; r < R; ++r) {
+      if (r >= rows) return;
+      for (int v = 0; v < NV; ++v) _mm512_store_ps(out + r * p.ld + 16 * v, value(r, v, acc[r][v]));
+    }
+  };
+  if (p.epilogue == Bf16Epilogue::kAdd) {
+    each([&](int r, int v, __m512 y) {
+      return _mm512_add_ps(_mm512_load_ps(out + r * p.ld + 16 * v), y);
+    });
+    return;
+  }
+  if (!end) {
+    each([](int, int, __m512 y) { return y; });
+    return;
+  }
+  if (p.bias)
+    for (int r = 0; r < R; ++r)
+      for (int v = 0; v < NV; ++v)
+        acc[r][v] = _mm512_add_ps(acc[r][v], _mm512_set1_ps(r < rows ? p.bias[row + r] : 0));
+  if (p.epilogue == Bf16Epilogue::kRelu) {
+    each([&](int, int, __m512 y) { return _mm512_max_ps(y, zero); });  // 0 of NaN
+  } else if (p.epilogue == Bf16Epilogue::kMask) {
+    const float* mask = p.mask + row * p.ld + column;
+    each([&](int r, int v, __m512 y) {
+      const __m512 m = _mm512_load_ps(mask + r * p.ld + 16 * v);
+      return _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(m, zero, _CMP_GT_OQ), y);
+    });
+  } else {
+    each([](int, int, __m512 y) { return y; });
+  }
+}
+
+// R rows x NV blocks of columns. With kResume the sums begin with what stands in out. Every loop
+// over the sums has constant bounds and no way past it, or the compiler keeps them in memory.
+template <int R, int NV, bool kResume>
 void block(const uint16_t* a, const Bf16Product& p, const uint16_t* b, int64_t first, int64_t last,
            int64_t row, int64_t column) {
   const int64_t b_stride = p.depth_blocks * kBf16Block;
-  float* out = p.out + row * p.ld + column;
-  const int64_t rows = p.rows - row < R ? p.rows - row : R;
-  __m512 acc[R][NV];
+  // What finish() reads and writes comes from further caches while the sums are made.
   for (int r = 0; r < R; ++r)
-    for (int v = 0; v < NV; ++v)
-      acc[r][v] = first > 0 && r < rows && p.epilogue != Bf16Epilogue::kAdd
-                      ? _mm512_load_ps(out + r * p.ld + 16 * v)
-                      : _mm512_setzero_ps();
+    for (int v = 0; v < NV; ++v) {
+      const int64_t at = (row + r) * p.ld + column + 16 * v;
+      _mm_prefetch(reinterpret_cast<const char*>(p.out + at), _MM_HINT_ET0);
+      if (p.mask) _mm_prefetch(reinterpret_cast<const char*>(p.mask + at), _MM_HINT_T0);
+    }
+  __m512 acc[R][NV];
+  if constexpr (kResume) {
+    const int64_t rows = p.rows - row;
+    const float* out = p.out + row * p.ld + column;
+    for (int r = 0; r < R; ++r) {
+      const float* from = out + (r < rows ? r : 0) * p.ld;  // rows beyond: any, not stored
+      for (int v = 0; v < NV; ++v) acc[r][v] = _mm512_load_ps(from + 16 * v);
+    }
+  } else {
+    for (int r = 0; r < R; ++r)
+      for (int v = 0; v < NV; ++v) acc[r][v] = _mm512_setzero_ps();
+  }
   for (int64_t k = first; k < last; ++k) {
     const uint16_t* ak = a + k * kBf16Block;
     const uint16_t* bk = b + k * kBf16Block;
-    for (int64_t pair = 0; pair < 16; ++pair) {
+    const int64_t left = p.depth_pairs - 16 * k, pairs = left < 16 ? left : 16;
+    for (int64_t pair = 0; pair < pairs; ++pair) {
       __m512bh x[NV];
       for (int v = 0; v < NV; ++v) x[v] = (__m512bh)load(bk + v * b_stride + pair * 32);
       for (int r = 0; r < R; ++r) {
@@ -43,27 +97,16 @@ void block(const uint16_t* a, const Bf16Product& p, const uint16_t* b, int64_t f
       }
     }
   }
-  const bool end = last == p.depth_blocks;
-  for (int r = 0; r < R; ++r) {
-    if (r >= rows) break;
-    const __m512 bias = end && p.bias ? _mm512_set1_ps(p.bias[row + r]) : _mm512_setzero_ps();
-    for (int v = 0; v < NV; ++v) {
-      float* to = out + r * p.ld + 16 * v;
-      __m512 y = acc[r][v];
-      if (p.epilogue == Bf16Epilogue::kAdd) {
-        y = _mm512_add_ps(_mm512_load_ps(to), y);
-      } else if (end) {
-        y = _mm512_add_ps(y, bias);
-        if (p.epilogue == Bf16Epilogue::kRelu)
-          y = _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(y, _mm512_setzero_ps(), _CMP_GT_OQ), y);
-        if (p.epilogue == Bf16Epilogue::kMask) {
-          const __m512 m = _mm512_load_ps(p.mask + (row + r) * p.ld + column + 16 * v);
-          y = _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(m, _mm512_setzero_ps(), _CMP_GT_OQ), y);
-        }
-      }
-      _mm512_store_ps(to, y);
-    }
-  }
+  finish<R, NV>(p, acc, row, column, last == p.depth_blocks);
+}
+
+template <int R, int NV>
+void block(const uint16_t* a, const Bf16Product& p, const uint16_t* b, int64_t first, int64_t last,
+           int64_t row, int64_t column) {
+  if (first > 0 && p.epilogue != Bf16Epilogue::kAdd)
+    block<R, NV, true>(a, p, b, first, last, row, column);
+  else
+    block<R, NV, false>(a, p, b, first, last, row, column);
 }
 
 template <int NV>
@@ -188,16 +231,20 @@ void bf16_pack_pairs_transposed(int64_t columns, int64_t depth, const float* x, 
 }
 
 int64_t bf16_loop_avx512(int64_t rounds, float* sink) {
-  constexpr int kChains = 24;
-  __m512 chain[kChains];
-  for (int c = 0; c < kChains; ++c) chain[c] = _mm512_set1_ps(static_cast<float>(c));
+  // Short enough for the compiler to unroll each loop, so that the sums stay in registers.
+  constexpr int kRows = 3, kColumns = 8;
+  __m512 sum[kRows][kColumns];
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kColumns; ++c) sum[r][c] = _mm512_set1_ps(static_cast<float>(c));
   const __m512bh x = (__m512bh)_mm512_set1_epi16(0x3f80), w = (__m512bh)_mm512_set1_epi16(0x3a00);
-  for (int64_t r = 0; r < rounds; ++r)
-    for (int c = 0; c < kChains; ++c) chain[c] = _mm512_dpbf16_ps(chain[c], w, x);
-  __m512 sum = chain[0];
-  for (int c = 1; c < kChains; ++c) sum = _mm512_add_ps(sum, chain[c]);
-  *sink = _mm512_reduce_add_ps(sum);
-  return int64_t{2 * 32 * kChains} * rounds;
+  for (int64_t i = 0; i < rounds; ++i)
+    for (int r = 0; r < kRows; ++r)
+      for (int c = 0; c < kColumns; ++c) sum[r][c] = _mm512_dpbf16_ps(sum[r][c], w, x);
+  __m512 all = _mm512_setzero_ps();
+  for (int r = 0; r < kRows; ++r)
+    for (int c = 0; c < kColumns; ++c) all = _mm512_add_ps(all, sum[r][c]);
+  *sink = _mm512_reduce_add_ps(all);
+  return int64_t{2 * 32 * kRows * kColumns} * rounds;
 }
 
 }  // namespace nerf::internal

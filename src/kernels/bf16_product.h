@@ -24,6 +24,7 @@ struct Bf16Product {
   const uint16_t* b = nullptr;  // [column block][depth block][16][16][2]
   int64_t rows = 0;             // that are stored; blocks are whole
   int64_t column_blocks = 0, depth_blocks = 0;
+  int64_t depth_pairs = 0;  // that are not all zero: what is beyond may be left out
   float* out = nullptr;
   int64_t ld = 0;  // of out and mask
   const float* bias = nullptr;

@@ -53,6 +53,7 @@ void multiply_columns(Bf16Product p, int depth, const float* x, int64_t n) {
   float* const out = p.out;
   const float* const mask = p.mask;
   p.depth_blocks = blocks(depth, kBf16Depth);
+  p.depth_pairs = blocks(depth, 2);
   constexpr int64_t kStripBlocks = kStrip / kBf16Columns;
   uint16_t* packed = scratch(right_factor, kStripBlocks * p.depth_blocks * kBf16Block);
   p.b = packed;
@@ -118,6 +119,7 @@ void linear_backward_weights_bf16(int in, int out, const float* dy, const float*
     const int64_t samples = std::min(kMostSamples, end - s);
     Bf16Product p;
     p.depth_blocks = blocks(samples, kBf16Depth);
+    p.depth_pairs = blocks(samples, 2);
     uint16_t* left = scratch(left_factor, blocks(out, kBf16Rows) * p.depth_blocks * kBf16Block);
     uint16_t* right = scratch(right_factor, kStripBlocks * p.depth_blocks * kBf16Block);
     bf16_pack_rows(out, samples, dy + s, ld, left);

@@ -29,6 +29,15 @@ HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
                       float* HWY_RESTRICT out) {
   const D d;
   const size_t lanes = hn::Lanes(d);
+  // What the end reads and writes comes from further caches while the sums are made; that of a
+  // narrow layer is near.
+  if (depth >= kWide)
+    for (int r = 0; r < R; ++r)
+      for (int v = 0; v < NV; ++v) {
+        __builtin_prefetch(out + r * ld + v * lanes, 1, 3);
+        if constexpr (kEpilogue == Epilogue::kMask)
+          __builtin_prefetch(mask + r * ld + v * lanes, 0, 3);
+      }
   V acc[R][NV];
   if (resume) {
     for (int r = 0; r < R; ++r)
@@ -150,12 +159,13 @@ Rows packed_columns(int in, int out, const float* w) {
   const int64_t ldw = weight_stride(in), blocks = (in + kRows - 1) / kRows;
   const size_t size = static_cast<size_t>(blocks * kRows) * static_cast<size_t>(out);
   if (packed.size() < size) packed = AlignedArray<float>(size);
-  // A cache line of w at a time; the last blocks reach into its padding, which is 0.
-  constexpr int64_t kAtOnce = kLane / kRows;
-  for (int64_t i = 0; i < blocks; i += kAtOnce)
-    for (int j = 0; j < out; ++j)
-      for (int64_t b = i; b < std::min(blocks, i + kAtOnce); ++b)
-        std::memcpy(packed.data() + (b * out + j) * kRows, w + j * ldw + b * kRows,
+  // As many rows at a time as fill a cache line of the copy, each read from its begin to its end;
+  // the last blocks reach into its padding, which is 0.
+  constexpr int kAtOnce = kLane / kRows;
+  for (int j = 0; j < out; j += kAtOnce)
+    for (int64_t b = 0; b < blocks; ++b)
+      for (int i = j; i < std::min(out, j + kAtOnce); ++i)
+        std::memcpy(packed.data() + (b * out + i) * kRows, w + i * ldw + b * kRows,
                     kRows * sizeof(float));
   return {packed.data(), int64_t{out} * kRows, 1, kRows};
 }
