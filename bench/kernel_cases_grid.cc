@@ -33,10 +33,10 @@ class Grid {
         z_(kSamples),
         features_(noise(static_cast<size_t>(shape_.features()) * kSamples, 6)) {
     if (backward) {
-      gradient_ = AlignedArray<float>(shape_.rows * kGridFeatures);
+      gradient_ = AlignedArray<float>(shape_.size());
       touched_ = AlignedArray<uint8_t>(shape_.rows);
     } else {
-      table_ = noise(shape_.rows * kGridFeatures, 4);
+      table_ = noise(shape_.size(), 4);
     }
     place_samples();
   }
@@ -48,7 +48,7 @@ class Grid {
       const int64_t l = i / kItems, first = i % kItems * kChunksPerItem;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
       for (int64_t c = first; c < std::min(kChunks, first + kChunksPerItem); ++c)
-        hash_grid_forward(level, table_.data() + level.offset * kGridFeatures, x_.data() + at(c),
+        hash_grid_forward(level, table_.data() + level.begin(), x_.data() + at(c),
                           y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),
                           kChunkSamples);
     });
@@ -61,8 +61,7 @@ class Grid {
       for (int64_t c = 0; c < kChunks; ++c)
         hash_grid_backward(level, x_.data() + at(c), y_.data() + at(c), z_.data() + at(c),
                            kChunkSamples, features(c, l), kChunkSamples,
-                           gradient_.data() + level.offset * kGridFeatures,
-                           touched_.data() + level.offset);
+                           gradient_.data() + level.begin(), touched_.data() + level.offset);
     });
   }
 
@@ -70,7 +69,8 @@ class Grid {
   static double ceiling(Ceilings& c, const HashGridShape& shape) {
     double seconds = 0;
     for (const HashGridLevel& level : shape.levels)
-      seconds += 8 / c.random_rows(uint64_t{level.entries} * kGridFeatures * sizeof(float));
+      seconds +=
+          8 / c.random_rows(static_cast<uint64_t>(level.features) * level.entries * sizeof(float));
     return 1 / seconds;
   }
   const HashGridShape& shape() const { return shape_; }
@@ -97,7 +97,8 @@ class Grid {
   int64_t levels() const { return static_cast<int64_t>(shape_.levels.size()); }
   static int64_t at(int64_t chunk) { return chunk * kChunkSamples; }
   float* features(int64_t chunk, int64_t level) {
-    return features_.data() + (chunk * levels() + level) * kGridFeatures * kChunkSamples;
+    return features_.data() +
+           (chunk * levels() + level) * shape_.features_per_entry() * kChunkSamples;
   }
 
   HashGridShape shape_;
@@ -133,16 +134,18 @@ struct AdamRows {
     for (uint8_t& f : flags) f = random.below(every) == 0;
     for (const uint8_t f : flags) with_gradient += f;
   }
-  size_t floats() const { return 4 * static_cast<size_t>(rows); }
+  size_t floats() const { return kFeatures * static_cast<size_t>(rows); }
   void run(ThreadPool& pool) {
     constexpr int64_t kRows = 8192;
     pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
       const int64_t at = i * kRows;
-      adam_rows(AdamStep(), std::min(kRows, rows - at), touched.data() + at,
-                gradient.data() + 4 * at, m.data() + 4 * at, v.data() + 4 * at, steps.data() + at,
-                weights.data() + 4 * at, correction.data());
+      adam_rows(AdamStep(), kFeatures, std::min(kRows, rows - at), touched.data() + at,
+                gradient.data() + kFeatures * at, m.data() + kFeatures * at,
+                v.data() + kFeatures * at, steps.data() + at, weights.data() + kFeatures * at,
+                correction.data());
     });
   }
+  static constexpr int kFeatures = 4;
   int64_t rows, with_gradient = 0;
   AlignedArray<float> gradient, m, v, weights, correction;
   AlignedArray<uint8_t> flags, touched;

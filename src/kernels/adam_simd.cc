@@ -75,20 +75,23 @@ HWY_INLINE hn::Vec<D> widened(D d, hn::Vec<D4> v) {
   }
 }
 
-// Four rows of 4 at once; rows without gradient keep every bit. Flags and counters stay in vectors:
+// Four rows of F at once; rows without gradient keep every bit. Flags and counters stay in vectors:
 // a vector read from what scalars have just written would stall.
-void sparse(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, float* m, float* v,
-            uint16_t* steps, float* weights, const float* correction) {
-  const hn::ScalableTag<float> d;
+template <int F>
+void sparse_rows(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, float* m,
+                 float* v, uint16_t* steps, float* weights, const float* correction) {
   constexpr int64_t kRows = 4;
+  const hn::CappedTag<float, kRows * F> d;
   constexpr int64_t kAhead = 32;  // rows; the processor does not foresee which ones have gradients
-  constexpr int64_t kLanes = hn::MaxLanes(hn::ScalableTag<float>());
+  constexpr int64_t kLanes = hn::MaxLanes(hn::CappedTag<float, kRows * F>());
   const hn::CappedTag<uint8_t, kRows> d8;
   const hn::CappedTag<uint16_t, kRows> d16;
   const hn::CappedTag<int32_t, kRows> di;
   const D4 d4;
   // Row of each parameter of the four rows.
-  alignas(64) static constexpr int32_t kRow[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+  alignas(64) static constexpr int32_t kRow4[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+  alignas(64) static constexpr int32_t kRow2[] = {0, 0, 1, 1, 2, 2, 3, 3};
+  const int32_t* row_of = F == 4 ? kRow4 : kRow2;
   const auto rate = hn::Set(d4, o.rate);
   const auto last = hn::Set(di, kBiasCorrections - 1);
   for (int64_t block = 0; block < rows; block += 8) {
@@ -96,8 +99,8 @@ void sparse(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, 
     if (block + kAhead < rows) std::memcpy(&later, touched + block + kAhead, sizeof(later));
     if (later != 0)
       for (float* array : {gradient, m, v, weights}) {
-        __builtin_prefetch(array + 4 * (block + kAhead), 1, 3);
-        __builtin_prefetch(array + 4 * (block + kAhead) + 16, 1, 3);
+        __builtin_prefetch(array + F * (block + kAhead), 1, 3);
+        if (F == 4) __builtin_prefetch(array + F * (block + kAhead) + 16, 1, 3);
       }
     std::memcpy(&any, touched + block, sizeof(any));
     if (any == 0) continue;
@@ -110,12 +113,12 @@ void sparse(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, 
       const auto c1 = hn::Mul(rate, hn::GatherIndex(d4, correction, hn::Add(t, t)));
       const auto c2 = hn::GatherIndex(d4, correction + 1, hn::Add(t, t));
       const auto open = hn::ConvertTo(d4, hn::PromoteTo(di, on));
-      for (int64_t lane = 0; lane < 4 * kRows; lane += kLanes) {
-        const auto row = hn::SetTableIndices(d, kRow + lane);
+      for (int64_t lane = 0; lane < F * kRows; lane += kLanes) {
+        const auto row = hn::SetTableIndices(d, row_of + lane);
         const auto spread = [&](hn::Vec<D4> x)
                                 HWY_ATTR { return hn::TableLookupLanes(widened(d, x), row); };
         const auto where = hn::Gt(spread(open), hn::Zero(d));
-        const int64_t at = 4 * first + lane;
+        const int64_t at = F * first + lane;
         const auto g = hn::Load(d, gradient + at);
         update_where(d, where, o, spread(c1), spread(c2), g, m + at, v + at, weights + at);
         hn::Store(hn::IfThenZeroElse(where, g), d, gradient + at);
@@ -123,6 +126,12 @@ void sparse(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, 
     }
     std::memset(touched + block, 0, 8);
   }
+}
+
+void sparse(const AdamStep& o, int features, int64_t rows, uint8_t* touched, float* gradient,
+            float* m, float* v, uint16_t* steps, float* weights, const float* correction) {
+  (features == 4 ? sparse_rows<4> : sparse_rows<2>)(o, rows, touched, gradient, m, v, steps,
+                                                    weights, correction);
 }
 
 }  // namespace
@@ -144,10 +153,11 @@ void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* g
   (options, static_cast<float>(c1), static_cast<float>(c2), n, gradient, m, v, weights);
 }
 
-void adam_rows(const AdamStep& options, int64_t rows, uint8_t* touched, float* gradient, float* m,
-               float* v, uint16_t* steps, float* weights, const float* correction) {
+void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* touched,
+               float* gradient, float* m, float* v, uint16_t* steps, float* weights,
+               const float* correction) {
   HWY_DYNAMIC_DISPATCH(sparse)
-  (options, rows, touched, gradient, m, v, steps, weights, correction);
+  (options, features, rows, touched, gradient, m, v, steps, weights, correction);
 }
 
 void bias_corrections(const AdamStep& options, float* correction) {

@@ -8,10 +8,11 @@
 namespace nerf {
 
 HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
-                              double finest_resolution) {
+                              double finest_resolution, int features_per_entry) {
   NERF_CHECK_GE(levels, 1);
   NERF_CHECK_LE(log2_entries, 24);
   NERF_CHECK_GE(base_resolution, 2);
+  NERF_CHECK(features_per_entry == 2 || features_per_entry == 4);
   HashGridShape shape;
   const double growth =
       levels > 1 ? std::exp(std::log(finest_resolution / base_resolution) / (levels - 1)) : 1.0;
@@ -26,6 +27,7 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
     level.dense = vertices <= table;
     level.entries = static_cast<uint32_t>(level.dense ? (vertices + 7) / 8 * 8 : table);
     level.offset = shape.rows;
+    level.features = features_per_entry;
     shape.rows += level.entries;
     shape.levels.push_back(level);
   }

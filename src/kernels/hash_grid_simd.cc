@@ -15,176 +15,180 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// Corners are found for 8 samples at a time: more would only fill registers, since the rows are
-// fetched one by one.
-constexpr int kGroup = 8;
-using D8 = hn::CappedTag<float, kGroup>;
-using DU8 = hn::RebindToUnsigned<D8>;
-using DI8 = hn::RebindToSigned<D8>;
-using D4 = hn::CappedTag<float, kGridFeatures>;
-constexpr int kStep = static_cast<int>(hn::MaxLanes(D8()));  // 8; 4 where vectors are of 128 bits
-static_assert(kGroup % kStep == 0);
+// Corners are found for kGroup samples at a time, kStep of them in a vector; their rows are fetched
+// one by one.
+constexpr int kGroup = 16;
+using DG = hn::CappedTag<float, kGroup>;
+using DU = hn::RebindToUnsigned<DG>;
+using DI = hn::RebindToSigned<DG>;
+constexpr int kStep = static_cast<int>(hn::MaxLanes(DG()));
+static_assert(kGroup % kStep == 0 && kLane % kGroup == 0);
+template <int F>
+using Row = hn::CappedTag<float, F>;
+
+// A level's table of more bytes than this is far away: its rows are asked for ahead.
+constexpr size_t kNear = size_t{3} << 18;
 
 struct Corners {
-  alignas(64) uint32_t row[8][kGroup];
+  alignas(64) uint32_t at[8][kGroup];  // where the row begins, in floats
   alignas(64) float weight[8][kGroup];
 };
 
 struct Axis {
-  hn::Vec<DU8> low, high;  // index terms of the two vertices
-  hn::Vec<D8> near, far;   // their weights
+  hn::Vec<DU> low, high;  // index terms of the two vertices
+  hn::Vec<DG> near, far;  // their weights
 };
 
-HWY_INLINE Axis axis(const float* p, float scale, uint32_t multiplier, hn::Vec<DI8>* cell) {
-  const D8 d;
-  const DI8 di;
-  const DU8 du;
+HWY_INLINE Axis axis(const float* p, float scale, uint32_t multiplier) {
+  const DG d;
+  const DI di;
+  const DU du;
   const auto unit = hn::Min(hn::Max(hn::LoadU(d, p), hn::Zero(d)), hn::Set(d, 1.0f));
   const auto at = hn::MulAdd(unit, hn::Set(d, scale), hn::Set(d, 0.5f));
-  const auto c = hn::ConvertTo(di, at);
+  const auto cell = hn::ConvertTo(di, at);
   Axis a;
-  a.far = hn::Sub(at, hn::ConvertTo(d, c));
+  a.far = hn::Sub(at, hn::ConvertTo(d, cell));
   a.near = hn::Sub(hn::Set(d, 1.0f), a.far);
   const auto m = hn::Set(du, multiplier);
-  a.low = hn::Mul(hn::BitCast(du, c), m);
+  a.low = hn::Mul(hn::BitCast(du, cell), m);
   a.high = hn::Add(a.low, m);
-  *cell = c;
   return a;
 }
 
-// Of the kStep samples from `first` of the group on.
-template <bool kDense>
-HWY_INLINE void find_corners_from(int first, const HashGridLevel& level, const float* x,
-                                  const float* y, const float* z, Corners& out) {
-  const D8 d;
-  const DU8 du;
+template <bool kDense, int F>
+HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const float* y,
+                             const float* z, Corners& out) {
+  const DG d;
+  const DU du;
   const uint32_t side = level.resolution;
-  hn::Vec<DI8> cell;
-  const Axis ax = axis(x + first, level.scale, 1u, &cell);
-  const Axis ay = axis(y + first, level.scale, kDense ? side : 2654435761u, &cell);
-  const Axis az = axis(z + first, level.scale, kDense ? side * side : 805459861u, &cell);
   const auto mask = hn::Set(du, level.entries - 1);
-  for (int c = 0; c < 8; ++c) {
-    const auto ix = c & 1 ? ax.high : ax.low;
-    const auto iy = c & 2 ? ay.high : ay.low;
-    const auto iz = c & 4 ? az.high : az.low;
-    const auto wx = c & 1 ? ax.far : ax.near;
-    const auto wy = c & 2 ? ay.far : ay.near;
-    const auto wz = c & 4 ? az.far : az.near;
-    auto row = kDense ? hn::Add(ix, hn::Add(iy, iz)) : hn::Xor(ix, hn::Xor(iy, iz));
-    if (!kDense) row = hn::And(row, mask);
-    hn::Store(row, du, out.row[c] + first);
-    hn::Store(hn::Mul(wx, hn::Mul(wy, wz)), d, out.weight[c] + first);
+  for (int first = 0; first < kGroup; first += kStep) {
+    const Axis ax = axis(x + first, level.scale, 1u);
+    const Axis ay = axis(y + first, level.scale, kDense ? side : 2654435761u);
+    const Axis az = axis(z + first, level.scale, kDense ? side * side : 805459861u);
+    for (int c = 0; c < 8; ++c) {
+      const auto ix = c & 1 ? ax.high : ax.low;
+      const auto iy = c & 2 ? ay.high : ay.low;
+      const auto iz = c & 4 ? az.high : az.low;
+      const auto wx = c & 1 ? ax.far : ax.near;
+      const auto wy = c & 2 ? ay.far : ay.near;
+      const auto wz = c & 4 ? az.far : az.near;
+      auto row = kDense ? hn::Add(ix, hn::Add(iy, iz)) : hn::Xor(ix, hn::Xor(iy, iz));
+      if (!kDense) row = hn::And(row, mask);
+      hn::Store(hn::ShiftLeft < F == 4 ? 2 : 1 > (row), du, out.at[c] + first);
+      hn::Store(hn::Mul(wx, hn::Mul(wy, wz)), d, out.weight[c] + first);
+    }
   }
 }
 
-template <bool kDense>
-HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const float* y,
-                             const float* z, Corners& out) {
-  for (int first = 0; first < kGroup; first += kStep)
-    find_corners_from<kDense>(first, level, x, y, z, out);
-}
-
-// Asks for the rows that a group of corners will read, or write.
-template <bool kWrite>
+// Asks for the rows that a group of corners will read or write, into the second-level cache: the
+// first one waits for too few at a time (on Zen 4 a lookup takes a third of the time it took with
+// it, where the table is 8 MB).
 HWY_INLINE void prefetch_rows(const Corners& c, const float* rows) {
   for (int i = 0; i < 8; ++i)
-    for (int s = 0; s < kGroup; ++s)
-      __builtin_prefetch(rows + static_cast<size_t>(c.row[i][s]) * kGridFeatures, kWrite, 3);
+    for (int s = 0; s < kGroup; ++s) __builtin_prefetch(rows + c.at[i][s], 0, 2);
 }
 
-template <bool kDense>
+// Calls body(corners, s) for each group of samples from s on, the corners of the next one found
+// and, where `far`, its rows asked for before.
+template <bool kDense, int F, class Body>
+HWY_INLINE void each_group(const HashGridLevel& level, const float* rows, const float* x,
+                           const float* y, const float* z, int64_t n, const Body& body) {
+  const bool far = size_t{level.entries} * F * sizeof(float) > kNear;
+  const int64_t end = round_up(n, kLane);
+  Corners corners[2];
+  find_corners<kDense, F>(level, x, y, z, corners[0]);
+  for (int64_t s = 0; s < end; s += kGroup) {
+    if (s + kGroup < end) {
+      Corners& next = corners[(s / kGroup + 1) & 1];
+      find_corners<kDense, F>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
+      if (far) prefetch_rows(next, rows);
+    }
+    body(corners[(s / kGroup) & 1], s);
+  }
+}
+
+template <bool kDense, int F>
 void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, const float* x,
                    const float* y, const float* z, int64_t n, float* HWY_RESTRICT features,
                    int64_t ld) {
-  const D4 d4;
-  const int64_t end = round_up(n, kLane);
-  // Two groups of corners: the rows of the next group are asked for while this one is summed.
-  Corners corners[2];
-  find_corners<kDense>(level, x, y, z, corners[0]);
-  for (int64_t s = 0; s < end; s += kGroup) {
-    const Corners& c = corners[(s / kGroup) & 1];
-    if (s + kGroup < end) {
-      Corners& next = corners[(s / kGroup + 1) & 1];
-      find_corners<kDense>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
-      if (!kDense) prefetch_rows<false>(next, table);
-    }
-    alignas(64) float sum[kGroup * kGridFeatures];
+  const Row<F> d;
+  const hn::CappedTag<float, 4> d4;
+  each_group<kDense, F>(level, table, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
+    alignas(64) float sum[kGroup * F];
     for (int i = 0; i < kGroup; ++i) {
-      auto acc0 = hn::Zero(d4), acc1 = hn::Zero(d4);
+      auto even = hn::Zero(d), odd = hn::Zero(d);
       for (int k = 0; k < 8; k += 2) {
-        acc0 = hn::MulAdd(hn::Set(d4, c.weight[k][i]),
-                          hn::Load(d4, table + static_cast<size_t>(c.row[k][i]) * kGridFeatures),
-                          acc0);
-        acc1 = hn::MulAdd(
-            hn::Set(d4, c.weight[k + 1][i]),
-            hn::Load(d4, table + static_cast<size_t>(c.row[k + 1][i]) * kGridFeatures), acc1);
+        even = hn::MulAdd(hn::Set(d, c.weight[k][i]), hn::Load(d, table + c.at[k][i]), even);
+        odd = hn::MulAdd(hn::Set(d, c.weight[k + 1][i]), hn::Load(d, table + c.at[k + 1][i]), odd);
       }
-      hn::Store(hn::Add(acc0, acc1), d4, sum + i * kGridFeatures);
+      hn::Store(hn::Add(even, odd), d, sum + i * F);
     }
     for (int h = 0; h < kGroup; h += 4) {
-      hn::Vec<D4> f0, f1, f2, f3;
-      hn::LoadInterleaved4(d4, sum + h * kGridFeatures, f0, f1, f2, f3);
       float* to = features + s + h;
+      hn::Vec<decltype(d4)> f0, f1;
+      if constexpr (F == 4) {
+        hn::Vec<decltype(d4)> f2, f3;
+        hn::LoadInterleaved4(d4, sum + h * F, f0, f1, f2, f3);
+        hn::StoreU(f2, d4, to + 2 * ld);
+        hn::StoreU(f3, d4, to + 3 * ld);
+      } else {
+        hn::LoadInterleaved2(d4, sum + h * F, f0, f1);
+      }
       hn::StoreU(f0, d4, to);
       hn::StoreU(f1, d4, to + ld);
-      hn::StoreU(f2, d4, to + 2 * ld);
-      hn::StoreU(f3, d4, to + 3 * ld);
     }
-  }
+  });
+}
+
+template <bool kDense, int F>
+void backward_level(const HashGridLevel& level, const float* x, const float* y, const float* z,
+                    int64_t n, const float* HWY_RESTRICT df, int64_t ld,
+                    float* HWY_RESTRICT gradient, uint8_t* HWY_RESTRICT touched) {
+  const Row<F> d;
+  const hn::CappedTag<float, 4> d4;
+  each_group<kDense, F>(level, gradient, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
+    alignas(64) float g[kGroup * F];
+    for (int h = 0; h < kGroup; h += 4) {
+      const float* from = df + s + h;
+      if constexpr (F == 4)
+        hn::StoreInterleaved4(hn::LoadU(d4, from), hn::LoadU(d4, from + ld),
+                              hn::LoadU(d4, from + 2 * ld), hn::LoadU(d4, from + 3 * ld), d4,
+                              g + h * F);
+      else
+        hn::StoreInterleaved2(hn::LoadU(d4, from), hn::LoadU(d4, from + ld), d4, g + h * F);
+    }
+    for (int i = 0; i < kGroup; ++i) {
+      const auto gi = hn::Load(d, g + i * F);
+      if (hn::AllTrue(d, hn::Eq(gi, hn::Zero(d)))) continue;
+      for (int k = 0; k < 8; ++k) {
+        const uint32_t at = c.at[k][i];
+        hn::Store(hn::MulAdd(hn::Set(d, c.weight[k][i]), gi, hn::Load(d, gradient + at)), d,
+                  gradient + at);
+        touched[at / F] = 1;
+      }
+    }
+  });
 }
 
 void forward(const HashGridLevel& level, const float* table, const float* x, const float* y,
              const float* z, int64_t n, float* features, int64_t ld) {
   if (n <= 0) return;
-  if (level.dense)
-    forward_level<true>(level, table, x, y, z, n, features, ld);
-  else
-    forward_level<false>(level, table, x, y, z, n, features, ld);
-}
-
-template <bool kDense>
-void backward_level(const HashGridLevel& level, const float* x, const float* y, const float* z,
-                    int64_t n, const float* HWY_RESTRICT df, int64_t ld,
-                    float* HWY_RESTRICT gradient, uint8_t* HWY_RESTRICT touched) {
-  const D4 d4;
-  const int64_t end = round_up(n, kLane);
-  Corners corners[2];  // as forward
-  find_corners<kDense>(level, x, y, z, corners[0]);
-  for (int64_t s = 0; s < end; s += kGroup) {
-    const Corners& c = corners[(s / kGroup) & 1];
-    if (s + kGroup < end) {
-      Corners& next = corners[(s / kGroup + 1) & 1];
-      find_corners<kDense>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
-      if (!kDense) prefetch_rows<true>(next, gradient);
-    }
-    alignas(64) float g[kGroup * kGridFeatures];
-    for (int h = 0; h < kGroup; h += 4) {
-      const float* from = df + s + h;
-      hn::StoreInterleaved4(hn::LoadU(d4, from), hn::LoadU(d4, from + ld),
-                            hn::LoadU(d4, from + 2 * ld), hn::LoadU(d4, from + 3 * ld), d4,
-                            g + h * kGridFeatures);
-    }
-    for (int i = 0; i < kGroup; ++i) {
-      const auto gi = hn::Load(d4, g + i * kGridFeatures);
-      if (hn::AllTrue(d4, hn::Eq(gi, hn::Zero(d4)))) continue;
-      for (int k = 0; k < 8; ++k) {
-        const uint32_t row = c.row[k][i];
-        float* at = gradient + static_cast<size_t>(row) * kGridFeatures;
-        hn::Store(hn::MulAdd(hn::Set(d4, c.weight[k][i]), gi, hn::Load(d4, at)), d4, at);
-        touched[row] = 1;
-      }
-    }
-  }
+  const auto run = level.features == 4
+                       ? level.dense ? forward_level<true, 4> : forward_level<false, 4>
+                   : level.dense ? forward_level<true, 2>
+                                 : forward_level<false, 2>;
+  run(level, table, x, y, z, n, features, ld);
 }
 
 void backward(const HashGridLevel& level, const float* x, const float* y, const float* z, int64_t n,
               const float* df, int64_t ld, float* gradient, uint8_t* touched) {
   if (n <= 0) return;
-  if (level.dense)
-    backward_level<true>(level, x, y, z, n, df, ld, gradient, touched);
-  else
-    backward_level<false>(level, x, y, z, n, df, ld, gradient, touched);
+  const auto run = level.features == 4
+                       ? level.dense ? backward_level<true, 4> : backward_level<false, 4>
+                   : level.dense ? backward_level<true, 2>
+                                 : backward_level<false, 2>;
+  run(level, x, y, z, n, df, ld, gradient, touched);
 }
 
 }  // namespace

@@ -43,7 +43,15 @@ int occupancy_side(const GridOptions& o, bool unbounded) {
   return o.occupancy_side;
 }
 
+HashGridShape hash_grid_shape(const GridOptions& o) {
+  return hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution,
+                         o.features);
+}
+
 void GridOptions::check_options() const {
+  if (features != 2 && features != 4)
+    throw Error(std::to_string(features) + " is neither 2 nor 4", "--grid-features",
+                "give one of them");
   if (sampler.min_samples > sampler.max_samples)
     throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
                     std::to_string(sampler.max_samples),
@@ -60,8 +68,8 @@ void GridOptions::check_options() const {
 GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
     : options(o),
       unbounded(is_unbounded),
-      shape(hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution)),
-      table(shape.rows * kGridFeatures),
+      shape(hash_grid_shape(o)),
+      table(shape.size()),
       occupancy(cascades, occupancy_side(o, is_unbounded)),
       clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
   simd_target();  // chosen, or found missing, before any kernel runs
@@ -86,10 +94,11 @@ std::vector<LinearWeights> GridField::layers() const {
 void GridField::initialise(uint64_t seed) {
   // The first numbers of a key; those of training steps have the highest bit clear.
   constexpr uint64_t kTableStream = uint64_t{1} << 63, kNetworkStream = kTableStream + 1;
+  const size_t features = static_cast<size_t>(shape.features_per_entry());
   for (uint64_t r = 0; r < shape.rows; ++r) {
     Random random(seed, kTableStream, r);
-    for (int f = 0; f < kGridFeatures; ++f)
-      table[r * kGridFeatures + static_cast<size_t>(f)] = 1e-4f * (2 * random.uniform() - 1);
+    for (size_t f = 0; f < features; ++f)
+      table[r * features + f] = 1e-4f * (2 * random.uniform() - 1);
   }
   std::fill(weights.begin(), weights.end(), 0.0f);
   uint64_t layer = 0;
@@ -153,7 +162,7 @@ void fade_level(const HashGridLevel& level, const float* spread, int64_t n, floa
   }
   opacity(n, inverse_square, length, left);
   for (int64_t i = 0; i < padded; ++i) left[i] = std::sqrt(left[i]);
-  for (int f = 0; f < kGridFeatures; ++f)
+  for (int f = 0; f < level.features; ++f)
     for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= left[i];
 }
 
@@ -161,10 +170,9 @@ void encode(const GridField& field, const float* x, const float* y, const float*
             const float* spread, int64_t n, float* features, int64_t ld) {
   for (size_t l = 0; l < field.shape.levels.size(); ++l) {
     const HashGridLevel& level = field.shape.levels[l];
-    hash_grid_forward(level, field.table.data() + level.offset * kGridFeatures, x, y, z, n,
-                      features + static_cast<int64_t>(l) * kGridFeatures * ld, ld);
-    if (spread)
-      fade_level(level, spread, n, features + static_cast<int64_t>(l) * kGridFeatures * ld, ld);
+    float* to = features + static_cast<int64_t>(l) * level.features * ld;
+    hash_grid_forward(level, field.table.data() + level.begin(), x, y, z, n, to, ld);
+    if (spread) fade_level(level, spread, n, to, ld);
   }
 }
 

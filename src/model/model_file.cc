@@ -81,9 +81,7 @@ RadianceField read_model(const ContainerReader& file) {
   const int cascades = static_cast<int>(header.integer("cascades", 1, 16));
   // The options alone may ask for gigabytes: nothing is allocated before the file has shown to hold
   // as much.
-  const HashGridShape shape = hash_grid_shape(options.levels, options.log2_entries,
-                                              options.base_resolution, options.finest_resolution);
-  const uint64_t entries = shape.rows * kGridFeatures;
+  const uint64_t entries = hash_grid_shape(options).size();
   if (file.decoded_bytes("table") != entries * sizeof(uint16_t))
     throw Error(
         "is a damaged model file: its table does not have the size that its options ask for",

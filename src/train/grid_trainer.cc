@@ -108,14 +108,11 @@ StepReport GridTrainer::step() {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
     for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
-      const int64_t at = c * ld;
-      hash_grid_forward(level, field.table.data() + level.offset * kGridFeatures,
-                        batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
-                        batch.samples[static_cast<size_t>(c)],
-                        features.data() + (c * level_count + l) * kGridFeatures * ld, ld);
-      if (field.options.antialias)
-        fade_level(level, batch.spread.data() + at, batch.samples[static_cast<size_t>(c)],
-                   features.data() + (c * level_count + l) * kGridFeatures * ld, ld);
+      const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
+      float* to = features.data() + (c * level_count + l) * level.features * ld;
+      hash_grid_forward(level, field.table.data() + level.begin(), batch.x.data() + at,
+                        batch.y.data() + at, batch.z.data() + at, n, to, ld);
+      if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, to, ld);
     }
   });
   lap.into(profile.encode);
@@ -246,14 +243,11 @@ void GridTrainer::scatter() {
     const int64_t l = levels - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     for (int64_t c = 0; c < batch.chunks; ++c) {
-      const int64_t at = c * ld;
-      if (field.options.antialias)
-        fade_level(level, batch.spread.data() + at, batch.samples[static_cast<size_t>(c)],
-                   d_features.data() + (c * levels + l) * kGridFeatures * ld, ld);
-      hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at,
-                         batch.samples[static_cast<size_t>(c)],
-                         d_features.data() + (c * levels + l) * kGridFeatures * ld, ld,
-                         optimiser.table_gradient.data() + level.offset * kGridFeatures,
+      const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
+      float* from = d_features.data() + (c * levels + l) * level.features * ld;
+      if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, from, ld);
+      hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at, n,
+                         from, ld, optimiser.table_gradient.data() + level.begin(),
                          optimiser.touched.data() + level.offset);
     }
   });
@@ -277,12 +271,13 @@ void GridTrainer::update(float rate) {
   adam.l2 = 0;
   constexpr int64_t kRows = 8192;
   const int64_t rows = static_cast<int64_t>(field.shape.rows);
+  const int features_per_entry = field.shape.features_per_entry();
   pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
-    const int64_t at = i * kRows;
-    adam_rows(adam, std::min(kRows, rows - at), optimiser.touched.data() + at,
-              optimiser.table_gradient.data() + 4 * at, optimiser.table_m.data() + 4 * at,
-              optimiser.table_v.data() + 4 * at, optimiser.row_steps.data() + at,
-              field.table.data() + 4 * at, corrections.data());
+    const int64_t row = i * kRows, at = row * features_per_entry;
+    adam_rows(adam, features_per_entry, std::min(kRows, rows - row), optimiser.touched.data() + row,
+              optimiser.table_gradient.data() + at, optimiser.table_m.data() + at,
+              optimiser.table_v.data() + at, optimiser.row_steps.data() + row,
+              field.table.data() + at, corrections.data());
   });
 }
 

@@ -42,10 +42,9 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   if (options.method != kGridMethod) return network_memory_bytes(options, threads);
   constexpr uint64_t kFloat = sizeof(float);
   const GridOptions& o = options.grid;
-  const HashGridShape shape =
-      hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution);
+  const HashGridShape shape = hash_grid_shape(o);
   const uint64_t rows = shape.rows;
-  const uint64_t table = rows * kGridFeatures * kFloat;
+  const uint64_t table = shape.size() * kFloat;
 
   // A cell: opacity, level, and two masks of a bit.
   const uint64_t side = static_cast<uint64_t>(occupancy_side(o, unbounded));

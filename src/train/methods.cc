@@ -151,7 +151,7 @@ std::string methods_table() {
   std::vector<std::array<std::string, 9>> rows = head;
   const TrainOptions grid = method_options(kGridMethod, Scale::kPaper);
   rows.push_back({kGridMethod, "point", "identity/contract",
-                  fmt::format("hash grid {}x{}", grid.grid.levels, kGridFeatures),
+                  fmt::format("hash grid {}x{}", grid.grid.levels, grid.grid.features),
                   fmt::format("up to {}", grid.grid.sampler.max_samples), "occupancy march",
                   fmt::format("{}x{} + {}x{}", grid.grid.density_layers, grid.grid.hidden,
                               grid.grid.colour_layers, grid.grid.hidden),

@@ -52,7 +52,7 @@ class Field {
     const auto density_layers = layers({shape_.features(), 32, 16});
     const auto colour_layers = layers({16 + 16, 32, 3});
     weights_ = gradient_ = m_ = v_ = nerf::AlignedArray<float>(size);
-    table_ = nerf::AlignedArray<float>(shape_.rows * nerf::kGridFeatures);
+    table_ = nerf::AlignedArray<float>(shape_.size());
     table_gradient_ = table_m_ = table_v_ = table_;
     touched_ = nerf::AlignedArray<uint8_t>(shape_.rows);
     row_steps_ = nerf::AlignedArray<uint16_t>(shape_.rows);
@@ -124,8 +124,8 @@ class Field {
           chunk_->data(scale_)[r] = 1.0f / (3 * kRays);
         }
     each_level([&](const nerf::HashGridLevel& level, int64_t row) {
-      nerf::hash_grid_forward(level, table_.data() + level.offset * nerf::kGridFeatures, axis(0),
-                              axis(1), axis(2), chunk_->samples, chunk_->data(features_) + row,
+      nerf::hash_grid_forward(level, table_.data() + level.begin(), axis(0), axis(1), axis(2),
+                              chunk_->samples, chunk_->data(features_) + row,
                               chunk_->stride(features_));
     });
     chunk_->loss = 0;
@@ -139,7 +139,7 @@ class Field {
     each_level([&](const nerf::HashGridLevel& level, int64_t row) {
       nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
                                chunk_->gradient(features_) + row, chunk_->stride(features_),
-                               table_gradient_.data() + level.offset * nerf::kGridFeatures,
+                               table_gradient_.data() + level.begin(),
                                touched_.data() + level.offset);
     });
     nerf::AdamStep adam;
@@ -147,9 +147,9 @@ class Field {
     ++step_;
     nerf::adam_dense(adam, step_, static_cast<int64_t>(weights_.size()), gradient_.data(),
                      m_.data(), v_.data(), weights_.data());
-    nerf::adam_rows(adam, static_cast<int64_t>(shape_.rows), touched_.data(),
-                    table_gradient_.data(), table_m_.data(), table_v_.data(), row_steps_.data(),
-                    table_.data(), correction_.data());
+    nerf::adam_rows(adam, shape_.features_per_entry(), static_cast<int64_t>(shape_.rows),
+                    touched_.data(), table_gradient_.data(), table_m_.data(), table_v_.data(),
+                    row_steps_.data(), table_.data(), correction_.data());
   }
 
   std::span<const float> light(int ray) const { return of_ray(light_, ray); }
@@ -182,7 +182,7 @@ class Field {
     int64_t row = 0;
     for (const nerf::HashGridLevel& level : shape_.levels) {
       body(level, row);
-      row += nerf::kGridFeatures * chunk_->stride(features_);
+      row += shape_.features_per_entry() * chunk_->stride(features_);
     }
   }
 

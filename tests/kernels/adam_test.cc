@@ -90,46 +90,49 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
         .rate = 0.02f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
     std::vector<float> correction(2 * kBiasCorrections);
     bias_corrections(options, correction.data());
-    for (int64_t rows : {0, 8, 16, 240}) {
-      State s(static_cast<size_t>(rows + 8) * 4, random);
-      AlignedArray<uint8_t> touched(static_cast<size_t>(rows + 8));
-      AlignedArray<uint16_t> steps(touched.size());
-      const uint16_t counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
-      for (size_t r = 0; r < touched.size(); ++r) {
-        touched[r] = random.uniform() < 0.3f || static_cast<int64_t>(r) >= rows;
-        steps[r] = counters[random.below(std::size(counters))];
-      }
-      // A block of eight without any.
-      for (size_t r = 8; r < 16 && rows > 8; ++r) touched[r] = 0;
-      const State before = s;
-      const AlignedArray<uint8_t> were_touched = touched;
-      const AlignedArray<uint16_t> steps_before = steps;
-      adam_rows(options, rows, touched.data(), s.gradient.data(), s.m.data(), s.v.data(),
-                steps.data(), s.w.data(), correction.data());
-      for (size_t r = 0; r < touched.size(); ++r) {
-        const bool active = were_touched[r] && static_cast<int64_t>(r) < rows;
-        if (!active) {
-          ASSERT_EQ(steps[r], steps_before[r]) << r;
-          ASSERT_EQ(touched[r], were_touched[r]) << r;
-          for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
-            ASSERT_EQ(std::memcmp((s.*member).data() + 4 * r, (before.*member).data() + 4 * r, 16),
-                      0)
-                << "row " << r;
-          continue;
+    for (const size_t features : {size_t{4}, size_t{2}})
+      for (int64_t rows : {0, 8, 16, 240}) {
+        State s(static_cast<size_t>(rows + 8) * features, random);
+        AlignedArray<uint8_t> touched(static_cast<size_t>(rows + 8));
+        AlignedArray<uint16_t> steps(touched.size());
+        const uint16_t counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
+        for (size_t r = 0; r < touched.size(); ++r) {
+          touched[r] = random.uniform() < 0.3f || static_cast<int64_t>(r) >= rows;
+          steps[r] = counters[random.below(std::size(counters))];
         }
-        const int64_t step = std::min(65535, steps_before[r] + 1);
-        ASSERT_EQ(steps[r], step);
-        ASSERT_EQ(touched[r], 0);
-        for (size_t i = 4 * r; i < 4 * r + 4; ++i) {
-          ASSERT_EQ(s.gradient[i], 0);
-          const ExactStep want(options, step, before.gradient[i], before.m[i], before.v[i],
-                               before.w[i]);
-          worst.compare(s.m[i], want.m, want.m_error, "m, step", step, "row", r);
-          worst.compare(s.v[i], want.v, want.v_error, "v, step", step, "row", r);
-          worst.compare(s.w[i], want.w, want.w_error, "weight, step", step, "row", r);
+        // A block of eight without any.
+        for (size_t r = 8; r < 16 && rows > 8; ++r) touched[r] = 0;
+        const State before = s;
+        const AlignedArray<uint8_t> were_touched = touched;
+        const AlignedArray<uint16_t> steps_before = steps;
+        adam_rows(options, static_cast<int>(features), rows, touched.data(), s.gradient.data(),
+                  s.m.data(), s.v.data(), steps.data(), s.w.data(), correction.data());
+        for (size_t r = 0; r < touched.size(); ++r) {
+          const bool active = were_touched[r] && static_cast<int64_t>(r) < rows;
+          if (!active) {
+            ASSERT_EQ(steps[r], steps_before[r]) << r;
+            ASSERT_EQ(touched[r], were_touched[r]) << r;
+            for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
+              ASSERT_EQ(
+                  std::memcmp((s.*member).data() + features * r,
+                              (before.*member).data() + features * r, features * sizeof(float)),
+                  0)
+                  << "row " << r;
+            continue;
+          }
+          const int64_t step = std::min(65535, steps_before[r] + 1);
+          ASSERT_EQ(steps[r], step);
+          ASSERT_EQ(touched[r], 0);
+          for (size_t i = features * r; i < features * (r + 1); ++i) {
+            ASSERT_EQ(s.gradient[i], 0);
+            const ExactStep want(options, step, before.gradient[i], before.m[i], before.v[i],
+                                 before.w[i]);
+            worst.compare(s.m[i], want.m, want.m_error, "m, step", step, "row", r);
+            worst.compare(s.v[i], want.v, want.v_error, "v, step", step, "row", r);
+            worst.compare(s.w[i], want.w, want.w_error, "weight, step", step, "row", r);
+          }
         }
       }
-    }
   });
   worst.report();
 }
@@ -155,8 +158,8 @@ TEST(Adam, RowsTouchedEveryStepEqualDense) {
       for (size_t i = 0; i < kSize; ++i)
         rows.gradient[i] = dense.gradient[i] = uniform(random, -1, 1);
       std::fill(touched.begin(), touched.end(), uint8_t{1});
-      adam_rows(options, kRows, touched.data(), rows.gradient.data(), rows.m.data(), rows.v.data(),
-                steps.data(), rows.w.data(), correction.data());
+      adam_rows(options, 4, kRows, touched.data(), rows.gradient.data(), rows.m.data(),
+                rows.v.data(), steps.data(), rows.w.data(), correction.data());
       adam_dense(options, step, kSize, dense.gradient.data(), dense.m.data(), dense.v.data(),
                  dense.w.data());
       ASSERT_EQ(std::memcmp(rows.m.data(), dense.m.data(), kSize * sizeof(float)), 0) << step;

@@ -17,16 +17,23 @@ namespace {
 namespace ref = reference;
 
 ref::GridLevel reference_level(const HashGridLevel& l) {
-  return {l.scale, l.resolution, l.entries, l.dense};
+  return {l.scale, l.resolution, l.entries, l.dense, static_cast<size_t>(l.features)};
 }
 
-// Dense and hashed levels, coarse to so fine that float places have few digits left in a cell.
+// Dense and hashed levels, coarse to so fine that float places have few digits left in a cell, and
+// one so large that its rows are fetched ahead, with entries of either size.
 std::vector<HashGridLevel> levels() {
   std::vector<HashGridLevel> out;
-  for (const HashGridShape& shape :
-       {hash_grid_shape(4, 12, 4, 100), hash_grid_shape(3, 8, 16, 5000)})
-    out.insert(out.end(), shape.levels.begin(), shape.levels.end());
+  for (int features : {4, 2})
+    for (const HashGridShape& shape :
+         {hash_grid_shape(4, 12, 4, 100, features), hash_grid_shape(3, 8, 16, 5000, features),
+          hash_grid_shape(1, 17, 400, 400, features)})
+      out.insert(out.end(), shape.levels.begin(), shape.levels.end());
   return out;
+}
+
+size_t size_of(const HashGridLevel& level) {
+  return size_t{level.entries} * static_cast<size_t>(level.features);
 }
 
 struct Positions {
@@ -54,19 +61,19 @@ TEST(HashGrid, Forward) {
   for_each_target([&](const std::string&) {
     Random random(31, 0, 0);
     for (const HashGridLevel& level : levels()) {
-      AlignedArray<float> table(level.entries * kGridFeatures);
+      AlignedArray<float> table(size_of(level));
       for (float& v : table) v = uniform(random, -1, 1);
       const std::vector<double> exact(table.begin(), table.end());
       for (int64_t n : kCounts) {
         const Positions positions(n, random);
-        Matrix features(kGridFeatures, n);
+        Matrix features(level.features, n);
         hash_grid_forward(level, table.data(), positions.row(0), positions.row(1), positions.row(2),
                           n, features.data.data(), features.ld);
         for (int64_t s = 0; s < n; ++s) {
           const auto want = ref::grid_interpolate(reference_level(level), exact, positions.at(s));
           // Entries of at most 1: the weights' errors, two products each, and a sum of 8.
           const double tolerance = 2 * place_error(level) + rounding_bound(2 + 8);
-          for (int f = 0; f < kGridFeatures; ++f)
+          for (int f = 0; f < level.features; ++f)
             worst.compare(features.at(f, s), want[static_cast<size_t>(f)], tolerance, "scale",
                           level.scale, "dense", level.dense, "n", n, "sample", s, "feature", f);
         }
@@ -85,12 +92,13 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
     Random random(32, 0, 0);
     for (const HashGridLevel& level : levels()) {
       const ref::GridLevel exact_level = reference_level(level);
+      const size_t features = exact_level.features;
       for (int64_t n : kCounts) {
         const Positions positions(n, random);
-        Matrix g(kGridFeatures, n, random, -1, 1, Matrix::Padding::kZero);
+        Matrix g(level.features, n, random, -1, 1, Matrix::Padding::kZero);
         for (int64_t s = 0; s < n; s += 3)  // a third of the samples has no gradient
-          for (int f = 0; f < kGridFeatures; ++f) g.at(f, s) = 0;
-        AlignedArray<float> gradient(level.entries * kGridFeatures);
+          for (int f = 0; f < level.features; ++f) g.at(f, s) = 0;
+        AlignedArray<float> gradient(size_of(level));
         AlignedArray<uint8_t> touched(level.entries);
         // Some rows already hold a gradient from an earlier chunk.
         std::vector<double> want(gradient.size());
@@ -102,9 +110,9 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
         std::vector<double> most(level.entries);
         std::vector<bool> reached(level.entries);
         for (int64_t s = 0; s < n; ++s) {
-          std::array<double, 4> d{}, absolute{};
+          std::vector<double> d(features), absolute(features);
           double largest = 0;
-          for (size_t f = 0; f < 4; ++f) {
+          for (size_t f = 0; f < features; ++f) {
             d[f] = g.at(static_cast<int>(f), s);
             absolute[f] = std::fabs(d[f]);
             largest = std::max(largest, absolute[f]);
@@ -120,8 +128,8 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
         for (uint32_t row = 0; row < level.entries; ++row) {
           ASSERT_LE(touched[row], 1);
           double sum = 0;
-          for (size_t f = 0; f < 4; ++f) {
-            const size_t i = row * 4 + f;
+          for (size_t f = 0; f < features; ++f) {
+            const size_t i = row * features + f;
             // n + 1 additions of products of 4; the weights' errors times the gradients.
             worst.compare(gradient[i], want[i],
                           rounding_bound(static_cast<double>(n) + 4) * size[i] +
@@ -135,8 +143,8 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
             ASSERT_EQ(touched[row], 1) << "row " << row;
           }
           if (!touched[row]) {
-            for (size_t f = 0; f < 4; ++f)
-              ASSERT_EQ(gradient[row * 4 + f], (row * 4 + f) % 7 == 0 ? 0.25f : 0.0f)
+            for (size_t f = 0; f < features; ++f)
+              ASSERT_EQ(gradient[row * features + f], (row * features + f) % 7 == 0 ? 0.25f : 0.0f)
                   << "row " << row << " changed but is not flagged";
           }
         }
@@ -153,12 +161,12 @@ TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
     Random random(33, 0, 0);
     for (const HashGridLevel& level : levels()) {
       const Positions positions(48, random);
-      for (int feature = -1; feature < kGridFeatures; ++feature) {
-        Matrix g(kGridFeatures, 48);
-        for (int f = 0; f < kGridFeatures; ++f)
+      for (int feature = -1; feature < level.features; ++feature) {
+        Matrix g(level.features, 48);
+        for (int f = 0; f < level.features; ++f)
           for (int64_t s = 0; s < g.padded; ++s)
             g.at(f, s) = f == feature && s == 21 ? 1e-30f : s % 2 ? 0.0f : -0.0f;
-        AlignedArray<float> gradient(level.entries * kGridFeatures);
+        AlignedArray<float> gradient(size_of(level));
         AlignedArray<uint8_t> touched(level.entries);
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), 48,
                            g.data.data(), g.ld, gradient.data(), touched.data());
@@ -186,13 +194,13 @@ TEST(HashGrid, CornersMatchGolden) {
       level.resolution = static_cast<uint32_t>(v[1]);
       level.entries = static_cast<uint32_t>(v[2]);
       level.dense = v[3] != 0;
-      Matrix p(3, 1), g(kGridFeatures, 1);
+      Matrix p(3, 1), g(level.features, 1);
       for (int i = 0; i < 3; ++i)
         for (int64_t s = 0; s < p.padded; ++s)
           p.at(i, s) = static_cast<float>(v[4 + static_cast<size_t>(i)]);
-      for (int f = 0; f < kGridFeatures; ++f)
+      for (int f = 0; f < level.features; ++f)
         for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0f : 0.0f;
-      AlignedArray<float> gradient(uint64_t{level.entries} * kGridFeatures);
+      AlignedArray<float> gradient(size_of(level));
       AlignedArray<uint8_t> touched(level.entries);
       hash_grid_backward(level, p.data.data(), p.data.data() + p.ld, p.data.data() + 2 * p.ld, 1,
                          g.data.data(), g.ld, gradient.data(), touched.data());
@@ -208,7 +216,8 @@ TEST(HashGrid, CornersMatchGolden) {
           first &= k >= c;
         }
         EXPECT_EQ(touched[row], 1) << "scale " << v[0] << " corner " << c;
-        EXPECT_EQ(gradient[size_t{row} * 4], static_cast<float>(sum))
+        EXPECT_EQ(gradient[size_t{row} * static_cast<size_t>(level.features)],
+                  static_cast<float>(sum))
             << "scale " << v[0] << " place " << v[4] << ' ' << v[5] << ' ' << v[6] << " corner "
             << c;
         expected += first;
@@ -227,6 +236,9 @@ TEST(HashGrid, ShapesMatchGolden) {
     ASSERT_EQ(shape.levels.size(), static_cast<size_t>(count));
     ASSERT_EQ(v.size(), 4 + 5 * shape.levels.size());
     EXPECT_EQ(shape.features(), 4 * count);
+    EXPECT_EQ(
+        hash_grid_shape(count, static_cast<int>(v[1]), static_cast<int>(v[2]), v[3], 2).features(),
+        2 * count);
     uint64_t rows = 0;
     for (size_t l = 0; l < shape.levels.size(); ++l) {
       const HashGridLevel& level = shape.levels[l];
@@ -247,12 +259,12 @@ TEST(HashGrid, ShapesMatchGolden) {
 TEST(HashGrid, PositionsThatAreNoNumbersStayInTheTable) {
   for_each_target([&](const std::string&) {
     for (const HashGridLevel& level : levels()) {
-      Matrix p(3, 16), features(kGridFeatures, 16);
+      Matrix p(3, 16), features(level.features, 16);
       const float odd[] = {std::nanf(""), INFINITY, -INFINITY, 1e30f, -1e30f, 1 + 1e-6f};
       for (int i = 0; i < 3; ++i)
         for (int64_t s = 0; s < 16; ++s) p.at(i, s) = odd[(s + i * (s / 6)) % 6];
       // A table of exactly the level's size: memory checkers see any row beyond it.
-      AlignedArray<float> table(level.entries * kGridFeatures);
+      AlignedArray<float> table(size_of(level));
       for (float& v : table) v = 1;
       hash_grid_forward(level, table.data(), p.data.data(), p.data.data() + p.ld,
                         p.data.data() + 2 * p.ld, 16, features.data.data(), features.ld);

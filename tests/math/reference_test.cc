@@ -171,7 +171,7 @@ TEST(Reference, GridBackwardIsTheComplexStep) {
   for (const ref::GridLevel& level : {dense, hashed}) {
     const std::vector<double> table = draw(4 * level.entries, -1, 1, 5);
     const std::array<double, 3> p{0.37, 0.81, 0.12};
-    const std::array<double, 4> g{0.3, -0.8, 1.1, 0.6};
+    const std::vector<double> g{0.3, -0.8, 1.1, 0.6};
     std::vector<double> analytic(table.size());
     ref::grid_interpolate_backward(level, p, g, analytic);
     const auto loss = [&](const std::vector<Complex>& t) {

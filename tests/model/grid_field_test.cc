@@ -155,7 +155,7 @@ TEST(GridField, WideConesFadeFineResolutions) {
   for (int i = 0; i < kSamples; ++i)
     spread[static_cast<size_t>(i)] = i < 2 ? 0.0f : std::exp2(-14 + 0.4f * static_cast<float>(i));
   for (const HashGridLevel& level : field.shape.levels) {
-    const Matrix before(kGridFeatures, kSamples, random, -1, 1);
+    const Matrix before(level.features, kSamples, random, -1, 1);
     Matrix after = before;
     fade_level(level, spread.data(), kSamples, after.data.data(), after.ld);
     after.expect_untouched_beyond_padding();
@@ -164,7 +164,7 @@ TEST(GridField, WideConesFadeFineResolutions) {
       const double s = static_cast<double>(spread[static_cast<size_t>(i)]);
       const double x = 1 / (std::sqrt(8.0) * s * static_cast<double>(level.scale));
       const double want = std::sqrt(-std::expm1(-4 * x * x / 3.14159265358979));
-      for (int f = 0; f < kGridFeatures; ++f) {
+      for (int f = 0; f < level.features; ++f) {
         const double got = static_cast<double>(after.at(f, i));
         const double all = static_cast<double>(before.at(f, i));
         EXPECT_NEAR(got, want * all, 8 * kRoundoff * std::fabs(all)) << s;
@@ -215,14 +215,15 @@ TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
            places.data.data() + 2 * places.ld, nullptr, 37, features.data.data(), features.ld);
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
-      const auto begin = field.table.begin() + level.offset * kGridFeatures;
-      const std::vector<double> table(begin, begin + level.entries * kGridFeatures);
+      const size_t per_entry = static_cast<size_t>(level.features);
+      const auto begin = field.table.begin() + level.begin();
+      const std::vector<double> table(begin, begin + level.entries * per_entry);
       for (int64_t s = 0; s < 37; ++s) {
         const auto want = reference::grid_interpolate<double>(
-            {level.scale, level.resolution, level.entries, level.dense}, table,
+            {level.scale, level.resolution, level.entries, level.dense, per_entry}, table,
             {places.at(0, s), places.at(1, s), places.at(2, s)});
-        for (int f = 0; f < kGridFeatures; ++f)
-          ASSERT_NEAR(features.at(static_cast<int>(l) * kGridFeatures + f, s),
+        for (int f = 0; f < level.features; ++f)
+          ASSERT_NEAR(features.at(static_cast<int>(l) * level.features + f, s),
                       want[static_cast<size_t>(f)], 8 * kRoundoff * (level.scale + 4))
               << "level " << l << " sample " << s;
       }

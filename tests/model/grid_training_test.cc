@@ -101,8 +101,8 @@ struct TinyRun {
       const HashGridLevel& level = field.shape.levels[l];
       hash_grid_backward(
           level, x, y, z, n,
-          chunk.gradient(tape.features) + static_cast<int64_t>(l) * kGridFeatures * ld, ld,
-          table_gradient.data() + level.offset * kGridFeatures, touched.data() + level.offset);
+          chunk.gradient(tape.features) + static_cast<int64_t>(l) * level.features * ld, ld,
+          table_gradient.data() + level.begin(), touched.data() + level.offset);
     }
 
     AdamStep options;
@@ -111,9 +111,9 @@ struct TinyRun {
     adam_dense(options, s + 1, static_cast<int64_t>(field.weights.size()), gradient.data(),
                m.data(), v.data(), field.weights.data());
     options.l2 = 0;
-    adam_rows(options, static_cast<int64_t>(field.shape.rows), touched.data(),
-              table_gradient.data(), table_m.data(), table_v.data(), row_steps.data(),
-              field.table.data(), correction.data());
+    adam_rows(options, field.shape.features_per_entry(), static_cast<int64_t>(field.shape.rows),
+              touched.data(), table_gradient.data(), table_m.data(), table_v.data(),
+              row_steps.data(), field.table.data(), correction.data());
     return chunk.loss;
   }
 

@@ -35,22 +35,24 @@ struct State {
   AlignedArray<float> gradient, m, v, w;
 };
 
-// One step of all by either kernel: rows with counters that stand at step - 1.
-void step_all(bool rows, const AdamStep& options, int64_t step, State& s) {
+// One step of all by one of the kernels: dense, or rows of so many features with counters that
+// stand at step - 1.
+void step_all(int features, const AdamStep& options, int64_t step, State& s) {
   const size_t n = s.w.size();
-  if (!rows) {
+  if (features == 0) {
     adam_dense(options, step, static_cast<int64_t>(n), s.gradient.data(), s.m.data(), s.v.data(),
                s.w.data());
     return;
   }
   std::vector<float> correction(2 * kBiasCorrections);
   bias_corrections(options, correction.data());
-  AlignedArray<uint8_t> touched(n / 4);
-  AlignedArray<uint16_t> steps(n / 4);
+  const size_t rows = n / static_cast<size_t>(features);
+  AlignedArray<uint8_t> touched(rows);
+  AlignedArray<uint16_t> steps(rows);
   for (uint8_t& t : touched) t = 1;
   for (uint16_t& t : steps) t = static_cast<uint16_t>(std::min<int64_t>(step - 1, 65535));
-  adam_rows(options, static_cast<int64_t>(n / 4), touched.data(), s.gradient.data(), s.m.data(),
-            s.v.data(), steps.data(), s.w.data(), correction.data());
+  adam_rows(options, features, static_cast<int64_t>(rows), touched.data(), s.gradient.data(),
+            s.m.data(), s.v.data(), steps.data(), s.w.data(), correction.data());
   for (uint16_t t : steps) ASSERT_EQ(t, std::min<int64_t>(step, 65535));
 }
 
@@ -77,7 +79,7 @@ struct Bounds {
 TEST(StressAdam, OneStepOfEveryMagnitude) {
   WorstError m("m"), v("v"), weight("weight");
   for_each_target([&](const std::string&) {
-    for (bool rows : {false, true})
+    for (int features : {0, 2, 4})
       for (bool flush : {false, true})
         for (float rate : {1e-30f, 1e-7f, 0.01f, 1.0f, 1e30f})
           for (float at : {0.0f, 1e-40f, -0.7f, 1e12f})
@@ -93,18 +95,18 @@ TEST(StressAdam, OneStepOfEveryMagnitude) {
               const State before = s;
               {
                 const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
-                step_all(rows, options, step, s);
+                step_all(features, options, step, s);
               }
               for (size_t i = 0; i < kCount; ++i) {
                 const double g = counted(before.gradient[i]);
-                const int64_t t = rows ? std::min<int64_t>(step, 65535) : step;
+                const int64_t t = features > 0 ? std::min<int64_t>(step, 65535) : step;
                 const ExactStep want(options, t, g, before.m[i], before.v[i], before.w[i]);
                 const Bounds bounds(options, t, g, want);
                 ASSERT_TRUE(std::isfinite(s.w[i]) && std::isfinite(s.v[i])) << "gradient " << g;
                 m.compare(s.m[i], want.m, bounds.m, "gradient", g, "step", step);
                 v.compare(s.v[i], want.v, bounds.v, "gradient", g, "step", step);
                 weight.compare(s.w[i], want.w, bounds.w, "gradient", g, "step", step, "rate", rate,
-                               "weight", at, "rows", rows, "flush", flush);
+                               "weight", at, "features", features, "flush", flush);
               }
             }
   });
@@ -120,7 +122,7 @@ TEST(StressAdam, StepsAreBoundedWhateverComes) {
   const double b1 = options.beta1, b2 = options.beta2;
   const double most = options.rate * (1 - b1) / std::sqrt((1 - b2) * (1 - b1 * b1 / b2));
   for_each_target([&](const std::string&) {
-    for (bool rows : {false, true}) {
+    for (int features : {0, 2, 4}) {
       State s(256);
       for (int64_t step = 1; step <= 400; ++step) {
         for (size_t i = 0; i < s.w.size(); ++i) {
@@ -134,7 +136,7 @@ TEST(StressAdam, StepsAreBoundedWhateverComes) {
                                       : (step < 10 ? 1e30f : 0.0f);
         }
         const State before = s;
-        step_all(rows, options, step, s);
+        step_all(features, options, step, s);
         for (size_t i = 0; i < s.w.size(); ++i) {
           ASSERT_TRUE(std::isfinite(s.w[i]) && std::isfinite(s.m[i]) && std::isfinite(s.v[i]))
               << "step " << step << " element " << i;
@@ -153,19 +155,19 @@ TEST(StressAdam, ConstantGradientsMoveByTheRate) {
   WorstError worst("move");
   const AdamStep options{.rate = 1e-3f};
   for_each_target([&](const std::string&) {
-    for (bool rows : {false, true})
+    for (int features : {0, 2, 4})
       for (float g : {1e-12f, -1e-6f, 1.0f, 1e10f, -1e18f, 1e20f, 1e38f}) {
         State s(32);
         for (int64_t step = 1; step <= 200; ++step) {
           for (float& x : s.gradient) x = g;
           const float before = s.w[5];
-          step_all(rows, options, step, s);
+          step_all(features, options, step, s);
           const double u = 3 * kRoundoff;
           const double error = u / (1 - options.beta1) + 0.5 * u / (1 - options.beta2) +
                                6 * kRoundoff + options.epsilon / std::fabs(double{g});
           worst.compare(before - s.w[5], g > 0 ? options.rate : -options.rate,
                         options.rate * error + kRoundoff * std::fabs(s.w[5]), "gradient", g, "step",
-                        step, "rows", rows);
+                        step, "features", features);
         }
       }
   });
@@ -174,12 +176,12 @@ TEST(StressAdam, ConstantGradientsMoveByTheRate) {
 
 TEST(StressAdam, WithoutGradientNothingMovesAtAnyRate) {
   for_each_target([&](const std::string&) {
-    for (bool rows : {false, true})
+    for (int features : {0, 2, 4})
       for (float rate : {1e-38f, 1.0f, 1e36f})
         for (float weight : {0.0f, 1e-30f, -1.0f, 1e38f}) {
           State s(32, weight);
           for (int64_t step : {1, 2, 3, 70000}) {
-            step_all(rows, AdamStep{.rate = rate}, step, s);
+            step_all(features, AdamStep{.rate = rate}, step, s);
             for (float w : s.w) ASSERT_EQ(w, weight) << "rate " << rate << " step " << step;
           }
         }
@@ -189,10 +191,10 @@ TEST(StressAdam, WithoutGradientNothingMovesAtAnyRate) {
 // Nothing hides a gradient that is no number: the health check of training looks for such.
 TEST(StressAdam, GradientsThatAreNoNumbersShow) {
   for_each_target([&](const std::string&) {
-    for (bool rows : {false, true}) {
+    for (int features : {0, 2, 4}) {
       State s(32, 1);
       for (size_t i = 0; i < 32; i += 2) s.gradient[i] = std::nanf("");
-      step_all(rows, AdamStep(), 1, s);
+      step_all(features, AdamStep(), 1, s);
       for (size_t i = 0; i < 32; ++i) EXPECT_EQ(std::isnan(s.w[i]), i % 2 == 0) << i;
     }
   });

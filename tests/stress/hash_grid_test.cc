@@ -22,17 +22,22 @@ constexpr float kInf = std::numeric_limits<float>::infinity();
 constexpr double kTiny = std::numeric_limits<float>::min();
 
 ref::GridLevel reference_level(const HashGridLevel& l) {
-  return {l.scale, l.resolution, l.entries, l.dense};
+  return {l.scale, l.resolution, l.entries, l.dense, static_cast<size_t>(l.features)};
 }
 
 std::vector<HashGridLevel> levels() {
   std::vector<HashGridLevel> out;
   // Dense and hashed; scales that are whole numbers and others; cells near float's resolution.
-  for (const HashGridShape& shape :
-       {hash_grid_shape(3, 14, 5, 40), hash_grid_shape(2, 10, 17, 4097),
-        hash_grid_shape(2, 10, 2, 1 << 20)})
-    out.insert(out.end(), shape.levels.begin(), shape.levels.end());
+  for (int features : {4, 2})
+    for (const HashGridShape& shape :
+         {hash_grid_shape(3, 14, 5, 40, features), hash_grid_shape(2, 10, 17, 4097, features),
+          hash_grid_shape(2, 10, 2, 1 << 20, features)})
+      out.insert(out.end(), shape.levels.begin(), shape.levels.end());
   return out;
+}
+
+size_t size_of(const HashGridLevel& level) {
+  return size_t{level.entries} * static_cast<size_t>(level.features);
 }
 
 // Coordinates at vertices, one float to either side of them, in the middle of cells, at the borders
@@ -75,13 +80,16 @@ TEST(StressHashGrid, CornersEdgesAndFaces) {
     Random random(51, 0, 0);
     for (const HashGridLevel& level : levels())
       for (bool flush : {false, true}) {
-        AlignedArray<float> table(level.entries * kGridFeatures);
+        AlignedArray<float> table(size_of(level));
         for (float& v : table) v = uniform(random, -1, 1);
         // The last feature is 1 everywhere and shows the sum of the weights.
-        for (size_t i = 3; i < table.size(); i += 4) table[i] = 1;
+        const int last = level.features - 1;
+        for (size_t i = static_cast<size_t>(last); i < table.size();
+             i += static_cast<size_t>(level.features))
+          table[i] = 1;
         const std::vector<double> exact(table.begin(), table.end());
         const Places places(level, 4096, random);
-        Matrix features(kGridFeatures, places.p.n);
+        Matrix features(level.features, places.p.n);
         {
           const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
           hash_grid_forward(level, table.data(), places.row(0), places.row(1), places.row(2),
@@ -90,11 +98,11 @@ TEST(StressHashGrid, CornersEdgesAndFaces) {
         for (int64_t s = 0; s < places.p.n; ++s) {
           const auto want = ref::grid_interpolate(reference_level(level), exact, places.at(s));
           const double tolerance = 2 * place_error(level) + rounding_bound(2 + 8);
-          for (int f = 0; f < 3; ++f)
+          for (int f = 0; f < last; ++f)
             worst.compare(features.at(f, s), want[static_cast<size_t>(f)], tolerance, "scale",
                           level.scale, "place", places.at(s)[0], places.at(s)[1], places.at(s)[2]);
           // near + far is off by one rounding of near in each axis, then two products, then a sum.
-          ones.compare(features.at(3, s), 1, rounding_bound(3 + 2 + 8), "scale", level.scale,
+          ones.compare(features.at(last, s), 1, rounding_bound(3 + 2 + 8), "scale", level.scale,
                        "place", places.at(s)[0], places.at(s)[1], places.at(s)[2]);
         }
       }
@@ -114,10 +122,10 @@ TEST(StressHashGrid, OnAVertexItsRowAlone) {
         const float at = std::fma(x, level.scale, 0.5f);
         return at == std::floor(at);
       };
-      AlignedArray<float> table(level.entries * kGridFeatures);
+      AlignedArray<float> table(size_of(level));
       for (float& v : table) v = uniform(random, -1, 1) * 1e30f;
       const Places places(level, 16384, random);
-      Matrix features(kGridFeatures, places.p.n);
+      Matrix features(level.features, places.p.n);
       hash_grid_forward(level, table.data(), places.row(0), places.row(1), places.row(2),
                         places.p.n, features.data.data(), features.ld);
       for (int64_t s = 0; s < places.p.n; ++s) {
@@ -130,8 +138,9 @@ TEST(StressHashGrid, OnAVertexItsRowAlone) {
         if (!all) continue;
         ++hits;
         const uint32_t row = ref::grid_row(reference_level(level), at[0], at[1], at[2]);
-        for (int f = 0; f < kGridFeatures; ++f)
-          ASSERT_EQ(features.at(f, s), table[row * size_t{4} + static_cast<size_t>(f)])
+        for (int f = 0; f < level.features; ++f)
+          ASSERT_EQ(features.at(f, s),
+                    table[row * static_cast<size_t>(level.features) + static_cast<size_t>(f)])
               << "scale " << level.scale << " sample " << s;
       }
     }
@@ -144,16 +153,16 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
   for_each_target([&](const std::string&) {
     Random random(53, 0, 0);
     for (const HashGridLevel& level : levels()) {
-      AlignedArray<float> table(level.entries * kGridFeatures);
+      AlignedArray<float> table(size_of(level));
       for (float& v : table) v = uniform(random, -1, 1);
       const Places places(level, 512, random);
       Places clamped = places;
       for (int i = 0; i < 3; ++i)
         for (int64_t s = 0; s < clamped.p.padded; ++s)
           clamped.p.at(i, s) = std::clamp(clamped.p.at(i, s), 0.0f, 1.0f);
-      Matrix g(kGridFeatures, 512, random, -1, 1);
+      Matrix g(level.features, 512, random, -1, 1);
       std::vector<AlignedArray<float>> gradients;
-      Matrix features[2] = {{kGridFeatures, 512}, {kGridFeatures, 512}};
+      Matrix features[2] = {{level.features, 512}, {level.features, 512}};
       for (int k = 0; k < 2; ++k) {
         const Places& p = k ? clamped : places;
         hash_grid_forward(level, table.data(), p.row(0), p.row(1), p.row(2), 512,
@@ -163,7 +172,7 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
         hash_grid_backward(level, p.row(0), p.row(1), p.row(2), 512, g.data.data(), g.ld,
                            gradients.back().data(), touched.data());
       }
-      for (int f = 0; f < kGridFeatures; ++f)
+      for (int f = 0; f < level.features; ++f)
         for (int64_t s = 0; s < 512; ++s)
           ASSERT_EQ(features[0].at(f, s), features[1].at(f, s)) << level.scale << " sample " << s;
       for (size_t i = 0; i < table.size(); ++i) ASSERT_EQ(gradients[0][i], gradients[1][i]) << i;
@@ -181,21 +190,22 @@ TEST(StressHashGrid, GradientsOfEveryMagnitudeArrive) {
       for (double size : {1e-42, 1e-30, 1.0, 1e20, 1e34})
         for (bool flush : {false, true}) {
           constexpr int64_t kSamples = 256;
+          const size_t features = static_cast<size_t>(level.features);
           const Places places(level, kSamples, random);
-          Matrix g(kGridFeatures, kSamples, random, 0.1 * size, size, Matrix::Padding::kZero);
-          AlignedArray<float> gradient(level.entries * kGridFeatures);
+          Matrix g(level.features, kSamples, random, 0.1 * size, size, Matrix::Padding::kZero);
+          AlignedArray<float> gradient(size_of(level));
           AlignedArray<uint8_t> touched(level.entries);
           {
             const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
             hash_grid_backward(level, places.row(0), places.row(1), places.row(2), kSamples,
                                g.data.data(), g.ld, gradient.data(), touched.data());
           }
-          for (size_t f = 0; f < kGridFeatures; ++f) {
+          for (size_t f = 0; f < features; ++f) {
             double sent = 0, arrived = 0;
             for (int64_t s = 0; s < kSamples; ++s) sent += double{g.at(static_cast<int>(f), s)};
             for (uint32_t row = 0; row < level.entries; ++row) {
-              ASSERT_TRUE(std::isfinite(gradient[row * size_t{4} + f])) << row;
-              arrived += double{gradient[row * size_t{4} + f]};
+              ASSERT_TRUE(std::isfinite(gradient[row * features + f])) << row;
+              arrived += double{gradient[row * features + f]};
             }
             worst.compare(arrived, sent,
                           rounding_bound(3 + 2 + kSamples * 8.0) * sent + 8 * kSamples * kTiny,

@@ -21,11 +21,13 @@ inline constexpr float kMostGradient = 1e18f;
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,
                 float* v, float* weights);
 
-// One step over the rows (4 floats each) whose touched flag is 1 and not 0, each with its own step
-// counter (saturating at 65535, where the bias correction has long been 1). Clears flag and
-// gradient of every touched row. `correction` holds bias_corrections(...). rows is a multiple of 8.
-void adam_rows(const AdamStep& options, int64_t rows, uint8_t* touched, float* gradient, float* m,
-               float* v, uint16_t* steps, float* weights, const float* correction);
+// One step over the rows (of 2 or 4 floats each) whose touched flag is 1 and not 0, each with its
+// own step counter (saturating at 65535, where the bias correction has long been 1). Clears flag
+// and gradient of every touched row. `correction` holds bias_corrections(...). rows is a multiple
+// of 8.
+void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* touched,
+               float* gradient, float* m, float* v, uint16_t* steps, float* weights,
+               const float* correction);
 
 // For a step t in [0, kBiasCorrections): correction[2 t] = 1 / (1 - beta1^t) and
 // correction[2 t + 1] = 1 / sqrt(1 - beta2^t); later steps use the last entry.

@@ -12,30 +12,34 @@
 
 namespace nerf {
 
-inline constexpr int kGridFeatures = 4;  // per entry
-
 struct HashGridLevel {
   float scale = 0;          // cells per unit
   uint32_t resolution = 0;  // vertices per axis
   uint32_t entries = 0;     // rows of this level's table
   uint64_t offset = 0;      // first row of this level in the whole table
+  int features = 4;         // of an entry, 2 or 4
   bool dense = false;
+
+  // Of the whole table, whose rows are those of all levels: this level's first float.
+  uint64_t begin() const { return offset * static_cast<uint64_t>(features); }
 };
 
 struct HashGridShape {
   std::vector<HashGridLevel> levels;
   uint64_t rows = 0;  // of all levels
 
-  int features() const { return static_cast<int>(levels.size()) * kGridFeatures; }
+  int features_per_entry() const { return levels.empty() ? 0 : levels.front().features; }
+  int features() const { return static_cast<int>(levels.size()) * features_per_entry(); }
+  uint64_t size() const { return rows * static_cast<uint64_t>(features_per_entry()); }  // floats
 };
 
 // Resolutions that grow geometrically from base to finest (cells across the unit cube), each with a
-// table of at most 2^log2_entries rows. levels >= 1.
+// table of at most 2^log2_entries rows of 2 or 4 features. levels >= 1.
 HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
-                              double finest_resolution);
+                              double finest_resolution, int features_per_entry = 4);
 
-// features[f][s] for the kGridFeatures rows of one level. x, y, z: n positions in [0, 1] (clamped);
-// table: the level's rows, aligned to 16 bytes; ld: floats from one feature to the next. n is
+// features[f][s] for the features of one level. x, y, z: n positions in [0, 1] (clamped);
+// table: the level's rows, aligned to one row; ld: floats from one feature to the next. n is
 // rounded up to kLane (linear.h).
 void hash_grid_forward(const HashGridLevel& level, const float* table, const float* x,
                        const float* y, const float* z, int64_t n, float* features, int64_t ld);

@@ -1,6 +1,6 @@
 // The `grid` method's field: multiresolution hash grid, two small MLPs, occupancy.
 //
-//   position -> [contract] -> hash grid (4 L features) -> MLP -> h (16)
+//   position -> [contract] -> hash grid (F L features) -> MLP -> h (16)
 //   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction))
 // (Mueller et al. 2022, section 5.4.)
 #pragma once
@@ -21,6 +21,7 @@ namespace nerf {
 struct GridOptions {
   int levels = 10;
   int log2_entries = 19;
+  int features = 4;
   int base_resolution = 16;
   int finest_resolution = 2048;
   int hidden = 64;
@@ -36,6 +37,7 @@ struct GridOptions {
     v("levels", levels, "resolutions of the hash grid", at_least(1), at_most(16));
     v("log2_entries", log2_entries, "binary logarithm of the entries of each resolution's table",
       at_least(10), at_most(24));
+    v("features", features, "features of an entry, 2 or 4", at_least(2), at_most(4));
     v("base_resolution", base_resolution, "coarsest resolution, cells across the region",
       at_least(2), at_most(512));
     v("finest_resolution", finest_resolution, "finest resolution, cells across the region",
@@ -75,6 +77,8 @@ struct GridOptions {
 
 // Cells across each cascade of the occupancy grid: what the options say, or the default.
 int occupancy_side(const GridOptions& options, bool unbounded);
+// Of the table that the options ask for.
+HashGridShape hash_grid_shape(const GridOptions& options);
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField {
@@ -83,7 +87,7 @@ struct GridField {
   GridOptions options;
   bool unbounded;
   HashGridShape shape;
-  AlignedArray<float> table;  // shape.rows x kGridFeatures
+  AlignedArray<float> table;  // shape.rows x shape.features_per_entry()
   std::vector<LinearWeights> density_layers, colour_layers;
   AlignedArray<float> weights;  // of both networks
   std::vector<LinearWeights> layers() const;
@@ -113,7 +117,7 @@ struct GridLosses {
 // The field on a tape, with the values that a caller fills and reads.
 struct GridTape {
   Tape tape{kChunkSamples, kChunkRays};
-  Value features = 0;           // in: [4 L x samples]
+  Value features = 0;           // in: [F L x samples]
   Value directions = 0;         // in: [3 x rays]
   Value delta = 0;              // in: [1 x samples]
   Value background = 0;         // in: [3 x rays]
@@ -152,7 +156,7 @@ inline float cone_spread(float radius, float distance, float scale) {
 void fade_level(const HashGridLevel& level, const float* spread, int64_t n, float* features,
                 int64_t ld);
 
-// Encodes a chunk's positions (grid coordinates) at every level: features [4 L x ld]. x, y, z and
+// Encodes a chunk's positions (grid coordinates) at every level: features [F L x ld]. x, y, z and
 // spread, which may be null (0 everywhere), are read up to the next multiple of kLane.
 void encode(const GridField& field, const float* x, const float* y, const float* z,
             const float* spread, int64_t n, float* features, int64_t ld);

@@ -16,6 +16,7 @@ struct GridLevel {
   uint32_t side = 2;     // vertices per axis of a dense level
   uint32_t entries = 8;  // rows; a power of two where the level is hashed
   bool dense = true;
+  size_t features = 4;  // of an entry
 };
 
 // Row of the vertex (x, y, z), by place or by hash; all arithmetic modulo 2^32.
@@ -52,22 +53,24 @@ std::array<GridCorner<T>, 8> grid_corners(const GridLevel& level, const std::arr
   return out;
 }
 
-// Features at p. table: [entries x F].
-template <class T, size_t F = 4>
-std::array<T, F> grid_interpolate(const GridLevel& level, const std::vector<T>& table,
-                                  const std::array<T, 3>& p) {
-  std::array<T, F> out{};
+// Features at p. table: [entries x features].
+template <class T>
+std::vector<T> grid_interpolate(const GridLevel& level, const std::vector<T>& table,
+                                const std::array<T, 3>& p) {
+  const size_t features = level.features;
+  std::vector<T> out(features);
   for (const GridCorner<T>& c : grid_corners(level, p))
-    for (size_t f = 0; f < F; ++f) out[f] += c.weight * table[c.row * F + f];
+    for (size_t f = 0; f < features; ++f) out[f] += c.weight * table[c.row * features + f];
   return out;
 }
 
 // Adds the gradient with respect to the table, given that of the features at p.
-template <class T, size_t F = 4>
+template <class T>
 void grid_interpolate_backward(const GridLevel& level, const std::array<T, 3>& p,
-                               const std::array<T, F>& d_features, std::vector<T>& d_table) {
+                               const std::vector<T>& d_features, std::vector<T>& d_table) {
+  const size_t features = level.features;
   for (const GridCorner<T>& c : grid_corners(level, p))
-    for (size_t f = 0; f < F; ++f) d_table[c.row * F + f] += c.weight * d_features[f];
+    for (size_t f = 0; f < features; ++f) d_table[c.row * features + f] += c.weight * d_features[f];
 }
 
 }  // namespace nerf::reference
