@@ -19,19 +19,17 @@ HashGridShape shape_of(int log2_entries) {
   return hash_grid_shape(o.levels, log2_entries, o.base_resolution, o.finest_resolution);
 }
 
-// All levels of the default grid over one training batch, cut as a training step cuts it: forward
-// by level and sixteen chunks, backward by level.
+// All levels of a grid over one training batch, cut as a training step cuts it: forward by level
+// and sixteen chunks, backward by level.
 class Grid {
  public:
-  static constexpr int64_t kChunks = (1 << 16) / kChunkSamples;
-  static constexpr int64_t kSamples = kChunks * kChunkSamples;
-
-  explicit Grid(int log2_entries, bool backward)
-      : shape_(shape_of(log2_entries)),
-        x_(kSamples),
-        y_(kSamples),
-        z_(kSamples),
-        features_(noise(static_cast<size_t>(shape_.features()) * kSamples, 6)) {
+  Grid(HashGridShape shape, int log2_samples, bool backward)
+      : shape_(std::move(shape)),
+        chunks_((int64_t{1} << log2_samples) / kChunkSamples),
+        x_(static_cast<size_t>(samples())),
+        y_(x_.size()),
+        z_(x_.size()),
+        features_(noise(static_cast<size_t>(shape_.features()) * x_.size(), 6)) {
     if (backward) {
       gradient_ = AlignedArray<float>(shape_.size());
       touched_ = AlignedArray<uint8_t>(shape_.rows);
@@ -43,11 +41,11 @@ class Grid {
 
   void forward(ThreadPool& pool) {
     constexpr int64_t kChunksPerItem = 16;
-    constexpr int64_t kItems = (kChunks + kChunksPerItem - 1) / kChunksPerItem;
-    pool.parallel_for(levels() * kItems, [&](int64_t i) {
-      const int64_t l = i / kItems, first = i % kItems * kChunksPerItem;
+    const int64_t items = (chunks_ + kChunksPerItem - 1) / kChunksPerItem;
+    pool.parallel_for(levels() * items, [&](int64_t i) {
+      const int64_t l = i / items, first = i % items * kChunksPerItem;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
-      for (int64_t c = first; c < std::min(kChunks, first + kChunksPerItem); ++c)
+      for (int64_t c = first; c < std::min(chunks_, first + kChunksPerItem); ++c)
         hash_grid_forward(level, table_.data() + level.begin(), x_.data() + at(c),
                           y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),
                           kChunkSamples);
@@ -58,7 +56,7 @@ class Grid {
     pool.parallel_for(levels(), [&](int64_t i) {
       const int64_t l = levels() - 1 - i;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
-      for (int64_t c = 0; c < kChunks; ++c)
+      for (int64_t c = 0; c < chunks_; ++c)
         hash_grid_backward(level, x_.data() + at(c), y_.data() + at(c), z_.data() + at(c),
                            kChunkSamples, features(c, l), kChunkSamples,
                            gradient_.data() + level.begin(), touched_.data() + level.offset);
@@ -74,12 +72,13 @@ class Grid {
     return 1 / seconds;
   }
   const HashGridShape& shape() const { return shape_; }
+  int64_t samples() const { return chunks_ * kChunkSamples; }
 
  private:
   // Sixteen neighbours along each of many short stretches of rays.
   void place_samples() {
     constexpr int64_t kStretch = 16;
-    for (int64_t s = 0; s < kSamples; s += kStretch) {
+    for (int64_t s = 0; s < samples(); s += kStretch) {
       Random random(7, 5, static_cast<uint64_t>(s));
       float p[3], d[3];
       for (int k = 0; k < 3; ++k) {
@@ -102,15 +101,16 @@ class Grid {
   }
 
   HashGridShape shape_;
+  int64_t chunks_;
   AlignedArray<float> table_, gradient_;
   AlignedArray<uint8_t> touched_;
   AlignedArray<float> x_, y_, z_, features_;
 };
 
-KernelRun grid_run(int log2_entries, bool backward) {
-  auto grid = std::make_shared<Grid>(log2_entries, backward);
+KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) {
+  auto grid = std::make_shared<Grid>(shape, log2_samples, backward);
   KernelRun run;
-  run.work = static_cast<double>(Grid::kSamples);
+  run.work = static_cast<double>(grid->samples());
   run.ceiling = [grid](Ceilings& c) { return Grid::ceiling(c, grid->shape()); };
   run.run = [=](ThreadPool& pool) { backward ? grid->backward(pool) : grid->forward(pool); };
   return run;
@@ -187,12 +187,19 @@ KernelRun adam_dense_run() {
 
 std::vector<KernelCase> grid_cases() {
   std::vector<KernelCase> cases;
-  for (const bool backward : {false, true})
-    for (int log2_entries = 15; log2_entries <= 19; ++log2_entries)
-      cases.push_back({fmt::format("hash grid {}, 2^{} entries", backward ? "backward" : "forward",
-                                   log2_entries),
+  const auto add = [&](const HashGridShape& shape, int log2_entries, int log2_samples) {
+    for (const bool backward : {false, true})
+      cases.push_back({fmt::format("hash grid {}x{} {}, 2^{} entries, 2^{} samples",
+                                   shape.levels.size(), shape.features_per_entry(),
+                                   backward ? "backward" : "forward", log2_entries, log2_samples),
                        Unit::kSamples, kBoundRows,
-                       [=](int) { return grid_run(log2_entries, backward); }});
+                       [=](int) { return grid_run(shape, log2_samples, backward); }});
+  };
+  for (int log2_entries = 15; log2_entries <= 19; ++log2_entries)
+    add(shape_of(log2_entries), log2_entries, 16);
+  // The setting of Mueller et al. 2022, with small tables and large.
+  for (int log2_entries : {15, 17, 19})
+    add(hash_grid_shape(16, log2_entries, 16, 2048, 2), log2_entries, 18);
   cases.push_back({"Adam rows, all with a gradient", Unit::kBytes, kBoundRead,
                    [](int) { return adam_rows_run(1); }});
   cases.push_back({"Adam rows, a quarter with a gradient", Unit::kBytes, kBoundRead,
