@@ -1,5 +1,5 @@
 // Curves of cost against error, to choose options by: quadrature of media of known light, training
-// time against PSNR, what rendering leaves out, the networks' width.
+// time against PSNR, what rendering leaves out, the networks' width, the switches of training.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -13,6 +13,7 @@
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/nearest_name.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/kernels/simd.h"
 #include "options_cli.h"
 
@@ -63,8 +64,22 @@ std::vector<int> ErrorBenchOptions::widths_list() const {
   return integers(widths, 16, 1024, "--widths", "16,32,64");
 }
 
+std::vector<std::string> ErrorBenchOptions::precisions_list() const {
+  const bool has_bf16 = bf16_unit() != Bf16Unit::kNone;
+  if (precisions == "auto")
+    return has_bf16 ? std::vector<std::string>{"f32", "bf16"} : std::vector<std::string>{"f32"};
+  const std::vector<std::string> list = parts_of(precisions);
+  for (const std::string& p : list) {
+    if (p != "f32" && p != "bf16")
+      throw Error("unknown precision '" + p + "'", "--precisions", "give f32, bf16 or f32,bf16");
+    if (p == "bf16" && !has_bf16)
+      throw Error("this processor has no bf16 unit", "--precisions", "give f32");
+  }
+  return list;
+}
+
 void ErrorBenchOptions::check_options() const {
-  const std::vector<std::string> known = {"quadrature", "training", "skips", "width"};
+  const std::vector<std::string> known = {"quadrature", "training", "skips", "width", "switches"};
   for (const std::string& part : parts_of(curves))
     if (std::find(known.begin(), known.end(), part) == known.end())
       throw Error("unknown curve '" + part + "'", "--curves", nearest_name_hint(part, known));
@@ -72,7 +87,8 @@ void ErrorBenchOptions::check_options() const {
   minutes_list();
   tables_list();
   widths_list();
-  for (const char* curve : {"training", "width"})
+  precisions_list();
+  for (const char* curve : {"training", "width", "switches"})
     if (wants(curve) && scene.empty())
       throw Error(fmt::format("the curve '{}' needs a capture", curve), "--curves",
                   "give SCENE, or --curves quadrature");
@@ -104,6 +120,7 @@ int bench_error(int argc, char** argv) {
   if (run.empty()) run = last_run;
   if (options.wants("skips")) add(curves, skips_curve(options, run, pool), options);
   if (options.wants("width")) add(curves, width_curve(options), options);
+  if (options.wants("switches")) add(curves, switches_curve(options), options);
 
   const fs::path page = options.out / "report.html";
   const std::string about = fmt::format(

@@ -15,12 +15,13 @@ namespace nerf::apps {
 struct ErrorBenchOptions {
   std::filesystem::path scene;
   std::filesystem::path out;
-  std::string curves = "quadrature,training,skips,width";
+  std::string curves = "quadrature,training,skips,width,switches";
   std::filesystem::path run;
   std::string samples = "4,8,16,32,64,128,256,512,1024";
   int rays = 2000;
   std::string minutes = "0.5,1,2";
   std::string tables = "15,17,19";
+  std::string precisions = "auto";
   std::string widths = "16,32,64,128";
   int64_t steps = 1000;
   SplitChoice split = SplitChoice::kDev;
@@ -33,17 +34,21 @@ struct ErrorBenchOptions {
 
   template <class V>
   void visit_options(V& v) {
-    v("scene", scene, "capture, as nerf_train takes it; training and width need one", positional(),
-      metavar("SCENE"));
+    v("scene", scene, "capture, as nerf_train takes it; training, width and switches need one",
+      positional(), metavar("SCENE"));
     v("out", out, "folder for report.html, the curves as CSV and SVG, and the runs",
       short_name('o'), required(), metavar("DIR"));
-    v("curves", curves, "which ones: quadrature, training, skips, width, separated by commas");
+    v("curves", curves,
+      "which ones: quadrature, training, skips, width, switches, separated by commas");
     v("run", run, "folder that nerf_train wrote, for skips; without it the last run of training",
       metavar("RUN"));
     v("samples", samples, "quadrature: evaluations per ray, even, separated by commas");
     v("rays", rays, "quadrature: random rays per point", at_least(1), at_most(10000000));
-    v("minutes", minutes, "training: budgets, separated by commas, each a training of its own");
+    v("minutes", minutes,
+      "training: budgets, separated by commas, each a training of its own; switches: the longest");
     v("tables", tables, "training: log2_entries of the tables, separated by commas");
+    v("precisions", precisions,
+      "training: f32, bf16 or both, separated by commas; auto: bf16 where this processor has it");
     v("widths", widths, "width: widths of the networks, separated by commas");
     v("steps", steps, "width: steps of each training", at_least(1));
     v("split", split, "dev, or test for final figures");
@@ -52,7 +57,7 @@ struct ErrorBenchOptions {
     v("repeats", repeats, "skips: renderings of each view, whose median time counts", at_least(1));
     v("seed", seed, "of every random number");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
-    v("filter", filter, "quadrature and skips: only rows whose name contains this",
+    v("filter", filter, "quadrature, skips and switches: only rows whose name contains this",
       metavar("TEXT"));
   }
   // Throws Error for lists that cannot be read and for curves that lack what they need.
@@ -64,13 +69,14 @@ struct ErrorBenchOptions {
   std::vector<double> minutes_list() const;
   std::vector<int> tables_list() const;
   std::vector<int> widths_list() const;
+  std::vector<std::string> precisions_list() const;
 };
 
 // RMS error against evaluations per ray, for media of known light.
 ErrorCurve quadrature_curve(const ErrorBenchOptions& options, ThreadPool& pool);
 
-// Held-out PSNR against seconds of training, for each size of tables. `last_run` gets the folder of
-// the largest tables' longest training.
+// Held-out PSNR against seconds of training, for each size of tables and precision. `last_run` gets
+// the folder of the largest tables' longest training.
 ErrorCurve training_curve(const ErrorBenchOptions& options, std::filesystem::path& last_run);
 
 // Seconds of a picture against its difference from the picture with every skip off, for each
@@ -80,5 +86,8 @@ ErrorCurve skips_curve(const ErrorBenchOptions& options, const std::filesystem::
 
 // Held-out PSNR against the networks' width at the same number of steps.
 ErrorCurve width_curve(const ErrorBenchOptions& options);
+
+// Held-out PSNR in the same time with each switch of training alone set otherwise.
+ErrorCurve switches_curve(const ErrorBenchOptions& options);
 
 }  // namespace nerf::apps

@@ -1,4 +1,5 @@
-// Quality against time of training for several table sizes, and against the networks' width.
+// Quality against time of training for several sizes of tables, against the networks' width, and
+// with each switch of training set otherwise.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -57,13 +58,13 @@ std::string split_text(const ErrorBenchOptions& options) {
 ErrorCurve training_curve(const ErrorBenchOptions& options, std::filesystem::path& last_run) {
   ErrorCurve curve;
   curve.name = "training";
-  curve.title = "Training: PSNR against seconds, for each size of the tables";
+  curve.title = "Training: PSNR against seconds, for each size of the tables and precision";
   curve.text = fmt::format(
       "Mean PSNR of the {} of {}. Every point is a training of its own, planned for its budget; "
       "seconds are those of training steps. A table has 2^N entries of 4 features at each of the "
       "grid's resolutions.",
       split_text(options), options.scene.filename().string());
-  curve.table.columns = columns({"log2_entries", "minutes"});
+  curve.table.columns = columns({"log2_entries", "precision", "minutes"});
   Chart chart;
   chart.name = "training";
   chart.title = "PSNR against time of training";
@@ -73,19 +74,21 @@ ErrorCurve training_curve(const ErrorBenchOptions& options, std::filesystem::pat
   std::vector<int> tables = options.tables_list();
   std::sort(budgets.begin(), budgets.end());
   std::sort(tables.begin(), tables.end());
-  for (const int table : tables) {
-    ChartSeries series{fmt::format("2^{} entries", table), {}, true};
-    for (const double minutes : budgets) {
-      const std::string name = fmt::format("table{}_m{}", table, minutes);
-      const ChildTraining t = train(
-          options, name,
-          {"--grid-log2-entries", std::to_string(table), "--minutes", fmt::format("{}", minutes)});
-      series.points.push_back({number(t, "seconds"), number(t, "psnr"), ""});
-      curve.table.rows.push_back(row_of({std::to_string(table), fmt::format("{}", minutes)}, t));
-      last_run = options.out / "runs" / name;
+  for (const std::string& precision : options.precisions_list())
+    for (const int table : tables) {
+      ChartSeries series{fmt::format("2^{} entries, {}", table, precision), {}, true};
+      for (const double minutes : budgets) {
+        const std::string name = fmt::format("table{}_{}_m{}", table, precision, minutes);
+        const ChildTraining t = train(options, name,
+                                      {"--grid-log2-entries", std::to_string(table), "--precision",
+                                       precision, "--minutes", fmt::format("{}", minutes)});
+        series.points.push_back({number(t, "seconds"), number(t, "psnr"), ""});
+        curve.table.rows.push_back(
+            row_of({std::to_string(table), precision, fmt::format("{}", minutes)}, t));
+        last_run = options.out / "runs" / name;
+      }
+      chart.series.push_back(std::move(series));
     }
-    chart.series.push_back(std::move(series));
-  }
   curve.charts.push_back(std::move(chart));
   return curve;
 }
@@ -121,6 +124,52 @@ ErrorCurve width_curve(const ErrorBenchOptions& options) {
   against_width.series.push_back(std::move(by_width));
   against_time.series.push_back(std::move(by_time));
   curve.charts = {std::move(against_width), std::move(against_time)};
+  return curve;
+}
+
+ErrorCurve switches_curve(const ErrorBenchOptions& options) {
+  const struct {
+    const char* name;
+    std::vector<std::string> options;
+  } switches[] = {
+      {"as it is", {}},
+      {"pixels drawn evenly", {"--error-guidance", "0"}},
+      {"all samples of a cell from the start", {"--early-samples", "1"}},
+      {"one sample per cell to the end", {"--grid-samples-per-cell", "1"}},
+      {"six samples per cell", {"--grid-samples-per-cell", "6"}},
+      {"twice the samples spread over matter", {"--grid-uniform-share", "0.1"}},
+      {"no loss of distortion", {"--distortion", "0"}},
+      {"loss of distortion 0.02", {"--distortion", "0.02"}},
+      {"16 levels of 2 features", {"--grid-levels", "16", "--grid-features", "2"}},
+      {"8 levels", {"--grid-levels", "8"}},
+      {"one hidden colour layer", {"--grid-colour-layers", "1"}},
+      {"large steps to the end", {"--final-rate", "1"}},
+  };
+  const std::vector<double> budgets = options.minutes_list();
+  const double minutes = *std::max_element(budgets.begin(), budgets.end());
+  ErrorCurve curve;
+  curve.name = "switches";
+  curve.title = "Switches of training: PSNR in the same time, each alone set otherwise";
+  curve.text = fmt::format(
+      "Mean PSNR of the {} of {}, each training planned for {:g} minutes. The first row has every "
+      "option as it stands by default.",
+      split_text(options), options.scene.filename().string(), minutes);
+  curve.table.columns = columns({"setting"});
+  Chart chart;
+  chart.name = "switches";
+  chart.title = fmt::format("PSNR after {:g} minutes, one switch set otherwise", minutes);
+  chart.x = {"seconds of training", false, {}};
+  chart.y = {"PSNR, dB", false, {}};
+  int count = 0;
+  for (const auto& s : switches) {
+    if (!options.selected(s.name)) continue;
+    std::vector<std::string> own = {"--minutes", fmt::format("{}", minutes)};
+    own.insert(own.end(), s.options.begin(), s.options.end());
+    const ChildTraining t = train(options, fmt::format("switch{}", count++), own);
+    chart.series.push_back({s.name, {{number(t, "seconds"), number(t, "psnr"), ""}}, false});
+    curve.table.rows.push_back(row_of({s.name}, t));
+  }
+  curve.charts.push_back(std::move(chart));
   return curve;
 }
 

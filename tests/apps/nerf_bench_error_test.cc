@@ -110,22 +110,24 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const fs::path out = folder.path() / "error";
   const ProgramResult result =
-      run_program(NERF_BENCH_PROGRAM, {"error",     (folder.path() / "capture").string(),
-                                       "--curves",  "training,skips,width",
-                                       "--run",     run.string(),
-                                       "--minutes", "0.01",
-                                       "--tables",  "12,14",
-                                       "--widths",  "16,32",
-                                       "--steps",   "5",
-                                       "--views",   "1",
-                                       "--repeats", "1",
-                                       "-o",        out.string()});
+      run_program(NERF_BENCH_PROGRAM, {"error",        (folder.path() / "capture").string(),
+                                       "--curves",     "training,skips,width",
+                                       "--run",        run.string(),
+                                       "--minutes",    "0.01",
+                                       "--tables",     "12,14",
+                                       "--precisions", "f32",
+                                       "--widths",     "16,32",
+                                       "--steps",      "5",
+                                       "--views",      "1",
+                                       "--repeats",    "1",
+                                       "-o",           out.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
 
   const std::vector<Row> training = rows_of(out / "training.csv");
   ASSERT_EQ(training.size(), 2u);
   EXPECT_EQ(training[0].at("log2_entries"), "12");
   EXPECT_EQ(training[1].at("log2_entries"), "14");
+  EXPECT_EQ(training[0].at("precision"), "f32");
   const std::vector<Row> widths = rows_of(out / "width.csv");
   ASSERT_EQ(widths.size(), 2u);
   EXPECT_EQ(widths[1].at("width"), "32");
@@ -184,6 +186,23 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
     EXPECT_EQ(same[1].at(column), skips["unshaded 1/64"].at(column)) << column;
 }
 
+TEST(NerfBenchError, SwitchesOfATinyCapture) {
+  TempFolder folder;
+  test::write_blender_scene(folder.path() / "capture", 16);
+  const fs::path out = folder.path() / "error";
+  const ProgramResult result = run_program(
+      NERF_BENCH_PROGRAM, {"error", (folder.path() / "capture").string(), "--curves", "switches",
+                           "--minutes", "0.005,0.01", "--filter", "8 levels", "-o", out.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::vector<Row> rows = rows_of(out / "switches.csv");
+  ASSERT_EQ(rows.size(), 1u);
+  EXPECT_EQ(rows[0].at("setting"), "8 levels");
+  EXPECT_NE(rows[0].at("command").find("--grid-levels 8"), std::string::npos);
+  EXPECT_NE(rows[0].at("command").find("--minutes 0.01"), std::string::npos);
+  EXPECT_GT(std::stod(rows[0].at("psnr")), 5);
+  expect_svg(out / "switches.svg");
+}
+
 TEST(NerfBenchError, MistakesAreFoundBeforeAnythingIsWritten) {
   TempFolder folder;
   const std::string out = (folder.path() / "error").string();
@@ -201,6 +220,7 @@ TEST(NerfBenchError, MistakesAreFoundBeforeAnythingIsWritten) {
   refused({"--curves", "quadrature", "--samples", "7"}, {"--samples", "odd"});
   refused({"--curves", "quadrature", "--samples", "8,,16"}, {"--samples"});
   refused({"/nonexistent", "--tables", "9"}, {"--tables", "'9'", "10 to 24"});
+  refused({"/nonexistent", "--precisions", "f16"}, {"--precisions", "'f16'", "bf16"});
   refused({"/nonexistent", "--minutes", "0"}, {"--minutes", "'0'"});
 }
 
