@@ -44,13 +44,12 @@ struct ErrorBenchOptions {
       metavar("RUN"));
     v("samples", samples, "quadrature: evaluations per ray, even, separated by commas");
     v("rays", rays, "quadrature: random rays per point", at_least(1), at_most(10000000));
-    v("minutes", minutes,
-      "training: budgets, separated by commas, each a training of its own; switches: the longest");
+    v("minutes", minutes, "training: budgets, separated by commas, each a training of its own");
     v("tables", tables, "training: log2_entries of the tables, separated by commas");
     v("precisions", precisions,
       "training: f32, bf16 or both, separated by commas; auto: bf16 where this processor has it");
     v("widths", widths, "width: widths of the networks, separated by commas");
-    v("steps", steps, "width: steps of each training", at_least(1));
+    v("steps", steps, "width and switches: steps of each training", at_least(1));
     v("split", split, "dev, or test for final figures");
     v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
     v("views", views, "skips: held-out views, spread evenly; 0: all", at_least(0));
@@ -87,7 +86,7 @@ ErrorCurve skips_curve(const ErrorBenchOptions& options, const std::filesystem::
 // Held-out PSNR against the networks' width at the same number of steps.
 ErrorCurve width_curve(const ErrorBenchOptions& options);
 
-// Held-out PSNR in the same time with each switch of training alone set otherwise.
+// Held-out PSNR after the same steps with each switch of training alone set otherwise.
 ErrorCurve switches_curve(const ErrorBenchOptions& options);
 
 }  // namespace nerf::apps

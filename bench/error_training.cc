@@ -134,36 +134,35 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
   } switches[] = {
       {"as it is", {}},
       {"pixels drawn evenly", {"--error-guidance", "0"}},
-      {"all samples of a cell from the start", {"--early-samples", "1"}},
-      {"one sample per cell to the end", {"--grid-samples-per-cell", "1"}},
+      {"all samples from the start", {"--early-samples", "1"}},
+      {"one sample per cell", {"--grid-samples-per-cell", "1"}},
       {"six samples per cell", {"--grid-samples-per-cell", "6"}},
-      {"twice the samples spread over matter", {"--grid-uniform-share", "0.1"}},
-      {"no loss of distortion", {"--distortion", "0"}},
-      {"loss of distortion 0.02", {"--distortion", "0.02"}},
+      {"spread samples 0.1", {"--grid-uniform-share", "0.1"}},
+      {"distortion 0", {"--distortion", "0"}},
+      {"distortion 0.02", {"--distortion", "0.02"}},
       {"16 levels of 2 features", {"--grid-levels", "16", "--grid-features", "2"}},
       {"8 levels", {"--grid-levels", "8"}},
       {"one hidden colour layer", {"--grid-colour-layers", "1"}},
       {"large steps to the end", {"--final-rate", "1"}},
   };
-  const std::vector<double> budgets = options.minutes_list();
-  const double minutes = *std::max_element(budgets.begin(), budgets.end());
   ErrorCurve curve;
   curve.name = "switches";
-  curve.title = "Switches of training: PSNR in the same time, each alone set otherwise";
+  curve.title =
+      "Switches of training: PSNR and seconds of the same steps, each alone set otherwise";
   curve.text = fmt::format(
-      "Mean PSNR of the {} of {}, each training planned for {:g} minutes. The first row has every "
-      "option as it stands by default.",
-      split_text(options), options.scene.filename().string(), minutes);
+      "Mean PSNR of the {} of {} after {} steps each. The first row has every option as it stands "
+      "by default. PSNR comes again to the last digit; seconds hold for the machine as it was.",
+      split_text(options), options.scene.filename().string(), options.steps);
   curve.table.columns = columns({"setting"});
   Chart chart;
   chart.name = "switches";
-  chart.title = fmt::format("PSNR after {:g} minutes, one switch set otherwise", minutes);
+  chart.title = fmt::format("PSNR after {} steps, one switch set otherwise", options.steps);
   chart.x = {"seconds of training", false, {}};
   chart.y = {"PSNR, dB", false, {}};
   int count = 0;
   for (const auto& s : switches) {
     if (!options.selected(s.name)) continue;
-    std::vector<std::string> own = {"--minutes", fmt::format("{}", minutes)};
+    std::vector<std::string> own = {"--steps", std::to_string(options.steps)};
     own.insert(own.end(), s.options.begin(), s.options.end());
     const ChildTraining t = train(options, fmt::format("switch{}", count++), own);
     chart.series.push_back({s.name, {{number(t, "seconds"), number(t, "psnr"), ""}}, false});

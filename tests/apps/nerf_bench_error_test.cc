@@ -192,13 +192,13 @@ TEST(NerfBenchError, SwitchesOfATinyCapture) {
   const fs::path out = folder.path() / "error";
   const ProgramResult result = run_program(
       NERF_BENCH_PROGRAM, {"error", (folder.path() / "capture").string(), "--curves", "switches",
-                           "--minutes", "0.005,0.01", "--filter", "8 levels", "-o", out.string()});
+                           "--steps", "5", "--filter", "8 levels", "-o", out.string()});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const std::vector<Row> rows = rows_of(out / "switches.csv");
   ASSERT_EQ(rows.size(), 1u);
   EXPECT_EQ(rows[0].at("setting"), "8 levels");
   EXPECT_NE(rows[0].at("command").find("--grid-levels 8"), std::string::npos);
-  EXPECT_NE(rows[0].at("command").find("--minutes 0.01"), std::string::npos);
+  EXPECT_EQ(rows[0].at("steps"), "5");
   EXPECT_GT(std::stod(rows[0].at("psnr")), 5);
   expect_svg(out / "switches.svg");
 }
