@@ -18,9 +18,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kDefaultFrames = 120;
-// Per pixel, at the peak: five floats of the frame, two 8-bit pictures, the encoder's copy, the
+// Per pixel, at the peak: five numbers of the frame, two 8-bit pictures, the encoder's copy, the
 // sorted depths.
-constexpr uint64_t kBytesPerPixel = 64;
+constexpr uint64_t kBytesPerPixel = 8 * sizeof(Real) + 32;
 
 struct Views {
   CameraPath path;

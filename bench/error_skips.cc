@@ -37,14 +37,14 @@ std::vector<Setting> settings() {
   std::vector<Setting> all = {{"every skip off", "every skip off", "", off}};
   for (const int share : {1024, 256, 64}) {
     RenderOptions o = off;
-    o.unshaded = 1.0f / static_cast<float>(share);
+    o.unshaded = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("unshaded 1/{}", share);
     all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
   }
   RenderOptions cache = off;
   cache.unclipped = false;
   cache.sample_factor = usual.sample_factor;
-  for (const float factor : {4.0f, 2.0f, 1.5f, 1.0f, 0.5f}) {
+  for (const Real factor : {4.0_r, 2.0_r, 1.5_r, 1.0_r, 0.5_r}) {
     RenderOptions o = cache;
     o.sample_factor = factor;
     all.push_back({"cache alone", fmt::format("cache, factor {}", factor),
@@ -52,11 +52,11 @@ std::vector<Setting> settings() {
   }
   for (const int power : {6, 4, 3}) {
     RenderOptions o = cache;
-    o.min_transmittance = static_cast<float>(std::pow(10, -power));
+    o.min_transmittance = static_cast<Real>(std::pow(10, -power));
     all.push_back({"cache and stop", fmt::format("cache, stop 1e-{}", power),
                    fmt::format("stop 1e-{}", power), o});
   }
-  for (const float factor : {2.0f, 1.5f, 1.0f, 0.5f}) {
+  for (const Real factor : {2.0_r, 1.5_r, 1.0_r, 0.5_r}) {
     RenderOptions o;
     o.sample_factor = factor;
     const bool is_usual = factor == usual.sample_factor;

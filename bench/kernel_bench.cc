@@ -27,7 +27,7 @@ double processor_time() {
 
 // Where a thread leaves what it computed, in a cache line of its own.
 struct alignas(64) Sink {
-  float value = 0;
+  Real value = 0;
 };
 
 // Rounds of all threads per second. Each thread calls work(thread, rounds), with so many rounds
@@ -46,10 +46,10 @@ double rate_per_round(ThreadPool& pool, double seconds,
 
 }  // namespace
 
-AlignedArray<float> noise(size_t n, uint64_t stream) {
-  AlignedArray<float> a(n);
+AlignedArray<Real> noise(size_t n, uint64_t stream) {
+  AlignedArray<Real> a(n);
   Random random(7, stream, 0);
-  for (float& v : a) v = random.uniform() - 0.5f;
+  for (Real& v : a) v = random.uniform() - 0.5_r;
   return a;
 }
 
@@ -81,7 +81,7 @@ Timing time_calls(const std::function<void()>& prepare, const std::function<void
 
 namespace {
 
-double rate_of_loop(ThreadPool& pool, double seconds, int64_t (*loop)(int64_t, float*)) {
+double rate_of_loop(ThreadPool& pool, double seconds, int64_t (*loop)(int64_t, Real*)) {
   constexpr int64_t kRounds = 1000;
   std::vector<Sink> sinks(static_cast<size_t>(pool.size()));
   const double flops_per_round = static_cast<double>(loop(kRounds, &sinks[0].value));
@@ -104,15 +104,15 @@ double Ceilings::bf16_flops() {
 
 double Ceilings::cached() {
   if (cached_ > 0) return cached_;
-  constexpr int64_t kFloats = (16 << 10) / sizeof(float);
-  const AlignedArray<float> arrays = noise(static_cast<size_t>(pool_.size() * kFloats), 1);
+  constexpr int64_t kFloats = (16 << 10) / sizeof(Real);
+  const AlignedArray<Real> arrays = noise(static_cast<size_t>(pool_.size() * kFloats), 1);
   std::vector<Sink> sinks(static_cast<size_t>(pool_.size()));
-  cached_ = kFloats * sizeof(float) *
-            rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
-              float& sink = sinks[static_cast<size_t>(thread)].value;
-              for (int64_t r = 0; r < rounds; ++r)
-                sink += read_loop(kFloats, arrays.data() + thread * kFloats);
-            });
+  cached_ =
+      kFloats * sizeof(Real) * rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
+        Real& sink = sinks[static_cast<size_t>(thread)].value;
+        for (int64_t r = 0; r < rounds; ++r)
+          sink += read_loop(kFloats, arrays.data() + thread * kFloats);
+      });
   return cached_;
 }
 
@@ -120,18 +120,18 @@ double Ceilings::read(uint64_t bytes) {
   double& rate = read_[bytes];
   if (rate > 0) return rate;
   constexpr int64_t kPiece = 1 << 16, kPage = 1024;  // floats
-  const int64_t pieces = std::max<int64_t>(1, static_cast<int64_t>(bytes / sizeof(float)) / kPiece);
-  AlignedArray<float> array(static_cast<size_t>(pieces * kPiece));
+  const int64_t pieces = std::max<int64_t>(1, static_cast<int64_t>(bytes / sizeof(Real)) / kPiece);
+  AlignedArray<Real> array(static_cast<size_t>(pieces * kPiece));
   // Pages that nothing was written to are all the same one.
   pool_.parallel_for(pieces * kPiece / kPage,
                      [&](int64_t i) { array[static_cast<size_t>(i * kPage)] = 1; });
-  std::vector<float> sums(static_cast<size_t>(pieces));
+  std::vector<Real> sums(static_cast<size_t>(pieces));
   const auto run = [&] {
     pool_.parallel_for(pieces, [&](int64_t i) {
       sums[static_cast<size_t>(i)] = read_loop(kPiece, array.data() + i * kPiece);
     });
   };
-  rate = static_cast<double>(array.size() * sizeof(float)) / time_calls([] {}, run, seconds_).least;
+  rate = static_cast<double>(array.size() * sizeof(Real)) / time_calls([] {}, run, seconds_).least;
   return rate;
 }
 
@@ -139,7 +139,7 @@ double Ceilings::random_rows(uint64_t table_bytes) {
   const uint64_t bytes = std::bit_ceil(std::max<uint64_t>(table_bytes, 4096));
   double& rate = random_rows_[bytes];
   if (rate > 0) return rate;
-  const AlignedArray<float> table = noise(bytes / sizeof(float), 1);
+  const AlignedArray<Real> table = noise(bytes / sizeof(Real), 1);
   constexpr int64_t kReads = 1 << 12;
   std::vector<Sink> sinks(static_cast<size_t>(pool_.size()));
   rate = kReads * rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {

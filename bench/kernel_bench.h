@@ -9,12 +9,13 @@
 #include <vector>
 
 #include "nerf/base/aligned.h"
+#include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 
 namespace nerf::apps {
 
 // Uniform in [-0.5, 0.5).
-AlignedArray<float> noise(size_t n, uint64_t stream);
+AlignedArray<Real> noise(size_t n, uint64_t stream);
 
 // Duration of a call, seconds of wall clock.
 struct Timing {

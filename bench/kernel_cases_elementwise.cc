@@ -13,8 +13,8 @@ namespace {
 constexpr int64_t kChunks = 1 << 10;
 
 struct ElementwiseArrays {
-  AlignedArray<float> a = noise(kChunkSamples, 1), b = noise(kChunkSamples, 2);
-  AlignedArray<float> out{kChunkSamples};
+  AlignedArray<Real> a = noise(kChunkSamples, 1), b = noise(kChunkSamples, 2);
+  AlignedArray<Real> out{kChunkSamples};
 };
 
 // `arrays` of floats that are read or written for each value.
@@ -22,7 +22,7 @@ KernelCase elementwise(const char* name, int arrays, void (*kernel)(ElementwiseA
   return {name, Unit::kBytes, kBoundCached, [=](int threads) {
             auto all = std::make_shared<std::vector<ElementwiseArrays>>(threads);
             KernelRun run;
-            run.work = static_cast<double>(kChunks * kChunkSamples * arrays) * sizeof(float);
+            run.work = static_cast<double>(kChunks * kChunkSamples * arrays) * sizeof(Real);
             run.ceiling = [](Ceilings& c) { return c.cached(); };
             run.run = [=](ThreadPool& pool) {
               pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
@@ -50,17 +50,17 @@ class Compositing {
       c.samples = kChunkSamples;
       c.rays = kRays;
       c.ray_begin = ray_begin_.data();
-      std::fill_n(c.data(density_), kChunkSamples, 2.0f);
-      std::fill_n(c.data(colour_), 3 * kChunkSamples, 0.5f);
-      std::fill_n(c.data(delta), kChunkSamples, 0.05f);
-      std::fill_n(c.data(background), 3 * c.stride(background), 1.0f);
+      std::fill_n(c.data(density_), kChunkSamples, 2.0_r);
+      std::fill_n(c.data(colour_), 3 * kChunkSamples, 0.5_r);
+      std::fill_n(c.data(delta), kChunkSamples, 0.05_r);
+      std::fill_n(c.data(background), 3 * c.stride(background), 1.0_r);
     }
   }
   void run(ThreadPool& pool) {
     pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
       Chunk& c = *chunks_[static_cast<size_t>(thread)];
       tape_.forward(c);
-      std::fill_n(c.gradient(image_.pixel), 4 * c.stride(image_.pixel), 0.1f);
+      std::fill_n(c.gradient(image_.pixel), 4 * c.stride(image_.pixel), 0.1_r);
       tape_.backward(c);
     });
   }
@@ -79,7 +79,7 @@ KernelRun compositing_run(int threads) {
   KernelRun run;
   run.work = static_cast<double>(kChunks * kChunkSamples);
   // Forward density, length and three colours in, a weight out; backward those six in, four out.
-  constexpr double kBytes = (6 + 10) * sizeof(float);
+  constexpr double kBytes = (6 + 10) * sizeof(Real);
   run.ceiling = [](Ceilings& c) { return c.cached() / kBytes; };
   run.run = [compositing](ThreadPool& pool) { compositing->run(pool); };
   return run;

@@ -31,7 +31,7 @@ class Grid {
         z_(x_.size()),
         features_(noise(static_cast<size_t>(shape_.features()) * x_.size(), 6)) {
     if (backward) {
-      gradient_ = AlignedArray<float>(shape_.size());
+      gradient_ = AlignedArray<Real>(shape_.size());
       touched_ = AlignedArray<uint8_t>(shape_.rows);
     } else {
       table_ = noise(shape_.size(), 4);
@@ -68,7 +68,7 @@ class Grid {
     double seconds = 0;
     for (const HashGridLevel& level : shape.levels)
       seconds +=
-          8 / c.random_rows(static_cast<uint64_t>(level.features) * level.entries * sizeof(float));
+          8 / c.random_rows(static_cast<uint64_t>(level.features) * level.entries * sizeof(Real));
     return 1 / seconds;
   }
   const HashGridShape& shape() const { return shape_; }
@@ -80,13 +80,13 @@ class Grid {
     constexpr int64_t kStretch = 16;
     for (int64_t s = 0; s < samples(); s += kStretch) {
       Random random(7, 5, static_cast<uint64_t>(s));
-      float p[3], d[3];
+      Real p[3], d[3];
       for (int k = 0; k < 3; ++k) {
         p[k] = random.uniform();
-        d[k] = (random.uniform() - 0.5f) * 0.01f;
+        d[k] = (random.uniform() - 0.5_r) * 0.01_r;
       }
       for (int64_t i = s; i < s + kStretch; ++i) {
-        const float t = static_cast<float>(i - s);
+        const Real t = static_cast<Real>(i - s);
         x_[static_cast<size_t>(i)] = p[0] + t * d[0];
         y_[static_cast<size_t>(i)] = p[1] + t * d[1];
         z_[static_cast<size_t>(i)] = p[2] + t * d[2];
@@ -95,16 +95,16 @@ class Grid {
   }
   int64_t levels() const { return static_cast<int64_t>(shape_.levels.size()); }
   static int64_t at(int64_t chunk) { return chunk * kChunkSamples; }
-  float* features(int64_t chunk, int64_t level) {
+  Real* features(int64_t chunk, int64_t level) {
     return features_.data() +
            (chunk * levels() + level) * shape_.features_per_entry() * kChunkSamples;
   }
 
   HashGridShape shape_;
   int64_t chunks_;
-  AlignedArray<float> table_, gradient_;
+  AlignedArray<Real> table_, gradient_;
   AlignedArray<uint8_t> touched_;
-  AlignedArray<float> x_, y_, z_, features_;
+  AlignedArray<Real> x_, y_, z_, features_;
 };
 
 KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) {
@@ -147,7 +147,7 @@ struct AdamRows {
   }
   static constexpr int kFeatures = 4;
   int64_t rows, with_gradient = 0;
-  AlignedArray<float> gradient, m, v, weights, correction;
+  AlignedArray<Real> gradient, m, v, weights, correction;
   AlignedArray<uint8_t> flags, touched;
   AlignedArray<uint16_t> steps;
 };
@@ -157,7 +157,7 @@ KernelRun adam_rows_run(uint64_t every) {
   KernelRun run;
   run.work = static_cast<double>(adam->with_gradient) * (2 * 4 * 16 + 2 * 2) +
              static_cast<double>(adam->rows);
-  run.ceiling = [adam](Ceilings& c) { return c.read(4 * adam->floats() * sizeof(float)); };
+  run.ceiling = [adam](Ceilings& c) { return c.read(4 * adam->floats() * sizeof(Real)); };
   run.prepare = [adam] { std::copy(adam->flags.begin(), adam->flags.end(), adam->touched.data()); };
   run.run = [adam](ThreadPool& pool) { adam->run(pool); };
   return run;
@@ -166,13 +166,13 @@ KernelRun adam_rows_run(uint64_t every) {
 KernelRun adam_dense_run() {
   constexpr int64_t kParameters = 1 << 22, kPiece = 1 << 14;
   struct Arrays {
-    AlignedArray<float> gradient = noise(kParameters, 1), weights = noise(kParameters, 2);
-    AlignedArray<float> m{kParameters}, v{kParameters};
+    AlignedArray<Real> gradient = noise(kParameters, 1), weights = noise(kParameters, 2);
+    AlignedArray<Real> m{kParameters}, v{kParameters};
   };
   auto a = std::make_shared<Arrays>();
   KernelRun run;
-  run.work = kParameters * 7.0 * sizeof(float);  // four arrays read, three written
-  run.ceiling = [](Ceilings& c) { return c.read(4 * kParameters * sizeof(float)); };
+  run.work = kParameters * 7.0 * sizeof(Real);  // four arrays read, three written
+  run.ceiling = [](Ceilings& c) { return c.read(4 * kParameters * sizeof(Real)); };
   run.run = [a](ThreadPool& pool) {
     pool.parallel_for(kParameters / kPiece, [&](int64_t i) {
       const int64_t at = i * kPiece;

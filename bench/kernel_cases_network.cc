@@ -32,7 +32,7 @@ struct LayerArrays {
         w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
         dw(w.size()),
         packed(static_cast<size_t>(packed_layer_size(in, out))) {}
-  AlignedArray<float> x, y, dx, w, dw;
+  AlignedArray<Real> x, y, dx, w, dw;
   AlignedArray<uint16_t> packed;  // of bf16 runs
 };
 
@@ -101,10 +101,10 @@ class Network {
     input_ = tape_.input(widths.front(), Domain::kSamples, backward);
     output_ = mlp(tape_, input_, layers_);
     tape_.plan();
-    weights_ = AlignedArray<float>(size);
+    weights_ = AlignedArray<Real>(size);
     for (const LinearWeights& w : layers_) {
-      const AlignedArray<float> random = noise(static_cast<size_t>(w.in) * w.out, w.offset);
-      const float scale = 2 * std::sqrt(6.0f / static_cast<float>(w.in));
+      const AlignedArray<Real> random = noise(static_cast<size_t>(w.in) * w.out, w.offset);
+      const Real scale = 2 * std::sqrt(6.0_r / static_cast<Real>(w.in));
       for (int j = 0; j < w.out; ++j)
         for (int k = 0; k < w.in; ++k)
           weights_[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
@@ -112,7 +112,7 @@ class Network {
     }
     const size_t floats = static_cast<size_t>(chunks_of(samples)) * in_floats();
     features_ = noise(floats, 4);
-    if (backward) d_features_ = AlignedArray<float>(floats);
+    if (backward) d_features_ = AlignedArray<Real>(floats);
     d_output_ = noise(static_cast<size_t>(widths.back()) * kChunkSamples, 5);
     for (int i = 0; i < threads; ++i) {
       chunks_.push_back(std::make_unique<Chunk>(tape_));
@@ -137,11 +137,11 @@ class Network {
       Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
       chunk.samples =
           static_cast<int>(std::min<int64_t>(kChunkSamples, samples_ - c * int64_t{kChunkSamples}));
-      const size_t at = static_cast<size_t>(c) * in_floats(), bytes = in_floats() * sizeof(float);
+      const size_t at = static_cast<size_t>(c) * in_floats(), bytes = in_floats() * sizeof(Real);
       std::memcpy(chunk.data(input_), features_.data() + at, bytes);
       tape_.forward(chunk);
       if (!backward_) return;
-      std::memcpy(chunk.gradient(output_), d_output_.data(), d_output_.size() * sizeof(float));
+      std::memcpy(chunk.gradient(output_), d_output_.data(), d_output_.size() * sizeof(Real));
       tape_.backward(chunk);
       std::memcpy(d_features_.data() + at, chunk.gradient(input_), bytes);
     });
@@ -156,10 +156,10 @@ class Network {
   Tape tape_{kChunkSamples, kLane};
   std::vector<LinearWeights> layers_;
   Value input_ = 0, output_ = 0;
-  AlignedArray<float> weights_, features_, d_features_, d_output_;
+  AlignedArray<Real> weights_, features_, d_features_, d_output_;
   AlignedArray<uint16_t> packed_;
   std::vector<std::unique_ptr<Chunk>> chunks_;
-  std::vector<AlignedArray<float>> gradients_;
+  std::vector<AlignedArray<Real>> gradients_;
 };
 
 KernelRun network_run(const std::vector<int>& widths, int64_t samples, bool backward, int threads,

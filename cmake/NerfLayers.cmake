@@ -1,8 +1,14 @@
 # A layer is src/<layer>/*.cc as an object library; the installed library is all of them together.
 set(NERF_LAYERS "" CACHE INTERNAL "")
 set(NERF_LINK "" CACHE INTERNAL "")
+# What a program must be compiled with to agree with the library about its types (base/real.h).
+set(NERF_DEFINITIONS "")
+if(NERF_DOUBLE)
+  set(NERF_DEFINITIONS NERF_DOUBLE)
+endif()
 
 add_library(nerf_flags INTERFACE)
+target_compile_definitions(nerf_flags INTERFACE ${NERF_DEFINITIONS})
 target_compile_features(nerf_flags INTERFACE cxx_std_20)
 # No contraction and no fast-math: the same source gives the same bits at any optimisation level.
 target_compile_options(nerf_flags INTERFACE -Wall -Wextra -Werror -fno-math-errno -ffp-contract=off)
@@ -10,8 +16,11 @@ target_include_directories(nerf_flags INTERFACE ${PROJECT_SOURCE_DIR}/include
                                                 ${PROJECT_BINARY_DIR}/generated)
 
 function(nerf_add_layer layer)
-  cmake_parse_arguments(ARG "" "" "LINK" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "LINK;SOURCES" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/*.cc)
+  if(ARG_SOURCES)
+    set(sources ${ARG_SOURCES})
+  endif()
   set(NERF_LINK ${NERF_LINK} ${ARG_LINK} CACHE INTERNAL "")
   if(NOT sources)
     return()
@@ -23,8 +32,16 @@ function(nerf_add_layer layer)
 endfunction()
 
 # Kernel sources, and only they, are compiled for the processor family's wider instructions; Highway
-# then adds the targets above that baseline and dispatches at run time.
+# then adds the targets above that baseline and dispatches at run time. In double all of it falls back
+# to scalar/, which stands on the templates of math/reference.
 function(nerf_add_kernels_layer layer)
+  set(folder ${PROJECT_SOURCE_DIR}/src/${layer})
+  if(NERF_DOUBLE)
+    file(GLOB scalar CONFIGURE_DEPENDS ${folder}/scalar/*.cc)
+    nerf_add_layer(${layer} SOURCES ${scalar} ${folder}/bf16.cc ${folder}/hash_grid.cc
+                                    ${folder}/linear_bf16.cc ${folder}/spherical_harmonics.cc)
+    return()
+  endif()
   nerf_add_layer(${layer} LINK HWY::hwy)
   if(TARGET nerf_layer_${layer} AND CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
     file(GLOB simd CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/*_simd.cc)
@@ -52,6 +69,7 @@ function(nerf_add_library)
   endforeach()
   list(REMOVE_DUPLICATES NERF_LINK)
   target_compile_features(nerf PUBLIC cxx_std_20)
+  target_compile_definitions(nerf PUBLIC ${NERF_DEFINITIONS})
   target_include_directories(nerf PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                          $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
   target_link_libraries(nerf PRIVATE ${NERF_LINK})

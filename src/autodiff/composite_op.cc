@@ -22,11 +22,11 @@ class CompositeOp : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t ls = c.stride(inputs()[1]), lr = c.stride(output());
-    float* w = c.data(weights_);
+    Real* w = c.data(weights_);
     opacity(c.samples, c.data(inputs()[0]), c.data(inputs()[2]), w);
-    const float* rgb = c.data(inputs()[1]);
-    const float* background = c.data(inputs()[3]);
-    float* pixel = c.data(output());
+    const Real* rgb = c.data(inputs()[1]);
+    const Real* background = c.data(inputs()[3]);
+    Real* pixel = c.data(output());
     for (int r = 0; r < c.rays; ++r) {
       double sum[3] = {0, 0, 0};
       const double t = internal::weights_from_opacities(w, c.ray_begin[r], c.ray_begin[r + 1],
@@ -35,21 +35,21 @@ class CompositeOp : public Operation {
                                                             sum[k] += weight * rgb[k * ls + i];
                                                         });
       for (int k = 0; k < 3; ++k)
-        pixel[k * lr + r] = static_cast<float>(sum[k] + t * background[k * lr + r]);
-      pixel[3 * lr + r] = static_cast<float>(1 - t);
+        pixel[k * lr + r] = static_cast<Real>(sum[k] + t * background[k * lr + r]);
+      pixel[3 * lr + r] = static_cast<Real>(1 - t);
     }
   }
 
   void backward(Chunk& c) const override {
     const int64_t ls = c.stride(inputs()[1]), lr = c.stride(output());
-    const float* w = c.data(weights_);
-    const float* density = c.data(inputs()[0]);
-    const float* rgb = c.data(inputs()[1]);
-    const float* delta = c.data(inputs()[2]);
-    const float* background = c.data(inputs()[3]);
-    const float* dp = c.gradient(output());
-    float* d_density = c.gradient(inputs()[0]);
-    float* d_rgb = c.gradient(inputs()[1]);
+    const Real* w = c.data(weights_);
+    const Real* density = c.data(inputs()[0]);
+    const Real* rgb = c.data(inputs()[1]);
+    const Real* delta = c.data(inputs()[2]);
+    const Real* background = c.data(inputs()[3]);
+    const Real* dp = c.gradient(output());
+    Real* d_density = c.gradient(inputs()[0]);
+    Real* d_rgb = c.gradient(inputs()[1]);
     NERF_CHECK(overwrites(0) && overwrites(1));
     for (int r = 0; r < c.rays; ++r) {
       const double g[4] = {dp[r], dp[lr + r], dp[2 * lr + r], dp[3 * lr + r]};
@@ -63,13 +63,13 @@ class CompositeOp : public Operation {
       internal::density_gradients(w, delta, begin, end, t, behind, toward, d_density);
       for (int k = 0; k < 3; ++k)
         for (int i = begin; i < end; ++i)
-          d_rgb[k * ls + i] = static_cast<float>(static_cast<double>(w[i]) * g[k]);
+          d_rgb[k * ls + i] = static_cast<Real>(static_cast<double>(w[i]) * g[k]);
     }
     // Padding columns take no part.
     const int used = c.ray_begin[c.rays];
     const int64_t padded = round_up(c.samples, kLane);
-    std::fill(d_density + used, d_density + padded, 0.0f);
-    for (int k = 0; k < 3; ++k) std::fill(d_rgb + k * ls + used, d_rgb + k * ls + padded, 0.0f);
+    std::fill(d_density + used, d_density + padded, 0.0_r);
+    for (int k = 0; k < 3; ++k) std::fill(d_rgb + k * ls + used, d_rgb + k * ls + padded, 0.0_r);
   }
 
  private:

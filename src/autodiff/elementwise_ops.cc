@@ -9,11 +9,11 @@ namespace nerf {
 namespace {
 
 // Copies or adds rows; both strides equal.
-void pass_rows(bool overwrite, int rows, int64_t n, int64_t ld, const float* from, float* to) {
+void pass_rows(bool overwrite, int rows, int64_t n, int64_t ld, const Real* from, Real* to) {
   for (int r = 0; r < rows; ++r) {
     if (overwrite)
       std::memcpy(to + r * ld, from + r * ld,
-                  static_cast<size_t>(round_up(n, kLane)) * sizeof(float));
+                  static_cast<size_t>(round_up(n, kLane)) * sizeof(Real));
     else
       add_to(n, from + r * ld, to + r * ld);
   }
@@ -76,8 +76,8 @@ class Multiply : public Operation {
 
   void forward(Chunk& c) const override {
     each_row(c, [&](int64_t at, int64_t n) {
-      const float *a = c.data(inputs()[0]) + at, *b = c.data(inputs()[1]) + at;
-      float* y = c.data(output()) + at;
+      const Real *a = c.data(inputs()[0]) + at, *b = c.data(inputs()[1]) + at;
+      Real* y = c.data(output()) + at;
       for (int64_t i = 0; i < n; ++i) y[i] = a[i] * b[i];
     });
   }
@@ -85,8 +85,8 @@ class Multiply : public Operation {
     for (size_t k = 0; k < 2; ++k) {
       if (!c.tape->needs_gradient(inputs()[k])) continue;
       each_row(c, [&](int64_t at, int64_t n) {
-        const float *other = c.data(inputs()[1 - k]) + at, *dy = c.gradient(output()) + at;
-        float* dx = c.gradient(inputs()[k]) + at;
+        const Real *other = c.data(inputs()[1 - k]) + at, *dy = c.gradient(output()) + at;
+        Real* dx = c.gradient(inputs()[k]) + at;
         for (int64_t i = 0; i < n; ++i) dx[i] = (overwrites(k) ? 0 : dx[i]) + other[i] * dy[i];
       });
     }
@@ -111,11 +111,11 @@ class Slice : public Operation {
   }
   void backward(Chunk& c) const override {
     const int64_t ld = c.stride(output());
-    float* dx = c.gradient(inputs()[0]);
+    Real* dx = c.gradient(inputs()[0]);
     if (overwrites(0))
       std::memset(
           dx, 0,
-          static_cast<size_t>(c.tape->rows(inputs()[0])) * static_cast<size_t>(ld) * sizeof(float));
+          static_cast<size_t>(c.tape->rows(inputs()[0])) * static_cast<size_t>(ld) * sizeof(Real));
     pass_rows(false, c.tape->rows(output()), c.count(output()), ld, c.gradient(output()),
               dx + first_ * ld);
   }
@@ -138,10 +138,10 @@ class Elementwise : public Operation {
   }
   void backward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = c.count(output());
-    float* scratch = c.arena.data() + c.tape->scratch_offset();
+    Real* scratch = c.arena.data() + c.tape->scratch_offset();
     for (int r = 0; r < c.tape->rows(output()); ++r) {
-      float* dx = c.gradient(inputs()[0]) + r * ld;
-      float* to = overwrites(0) ? dx : scratch;
+      Real* dx = c.gradient(inputs()[0]) + r * ld;
+      Real* to = overwrites(0) ? dx : scratch;
       self().differentiate(n, c.data(inputs()[0]) + r * ld, c.data(output()) + r * ld,
                            c.gradient(output()) + r * ld, to);
       if (!overwrites(0)) add_to(n, scratch, dx);
@@ -156,8 +156,8 @@ class TruncatedExp : public Elementwise<TruncatedExp> {
  public:
   using Elementwise::Elementwise;
   static constexpr const char* kName = "truncated_exp";
-  static void apply(int64_t n, const float* x, float* y) { truncated_exp_forward(n, x, y); }
-  static void differentiate(int64_t n, const float* x, const float*, const float* dy, float* dx) {
+  static void apply(int64_t n, const Real* x, Real* y) { truncated_exp_forward(n, x, y); }
+  static void differentiate(int64_t n, const Real* x, const Real*, const Real* dy, Real* dx) {
     truncated_exp_backward(n, x, dy, dx);
   }
 };
@@ -166,50 +166,50 @@ class Sigmoid : public Elementwise<Sigmoid> {
  public:
   using Elementwise::Elementwise;
   static constexpr const char* kName = "sigmoid";
-  static void apply(int64_t n, const float* x, float* y) { sigmoid_forward(n, x, y); }
-  static void differentiate(int64_t n, const float*, const float* y, const float* dy, float* dx) {
+  static void apply(int64_t n, const Real* x, Real* y) { sigmoid_forward(n, x, y); }
+  static void differentiate(int64_t n, const Real*, const Real* y, const Real* dy, Real* dx) {
     sigmoid_backward(n, y, dy, dx);
   }
 };
 
 class Softplus : public Elementwise<Softplus> {
  public:
-  Softplus(Value x, Value y, float shift) : Elementwise(x, y), shift_(shift) {}
+  Softplus(Value x, Value y, Real shift) : Elementwise(x, y), shift_(shift) {}
   static constexpr const char* kName = "softplus";
-  void apply(int64_t n, const float* x, float* y) const { softplus_forward(n, shift_, x, y); }
-  void differentiate(int64_t n, const float* x, const float*, const float* dy, float* dx) const {
+  void apply(int64_t n, const Real* x, Real* y) const { softplus_forward(n, shift_, x, y); }
+  void differentiate(int64_t n, const Real* x, const Real*, const Real* dy, Real* dx) const {
     softplus_backward(n, shift_, x, dy, dx);
   }
 
  private:
-  float shift_;
+  Real shift_;
 };
 
 class Relu : public Elementwise<Relu> {
  public:
   using Elementwise::Elementwise;
   static constexpr const char* kName = "relu";
-  static void apply(int64_t n, const float* x, float* y) { relu_forward(n, x, y); }
-  static void differentiate(int64_t n, const float*, const float* y, const float* dy, float* dx) {
-    if (dx != dy) std::memcpy(dx, dy, static_cast<size_t>(round_up(n, kLane)) * sizeof(float));
+  static void apply(int64_t n, const Real* x, Real* y) { relu_forward(n, x, y); }
+  static void differentiate(int64_t n, const Real*, const Real* y, const Real* dy, Real* dx) {
+    if (dx != dy) std::memcpy(dx, dy, static_cast<size_t>(round_up(n, kLane)) * sizeof(Real));
     relu_backward(1, y, dx, 0, n);
   }
 };
 
 class ScaleShift : public Elementwise<ScaleShift> {
  public:
-  ScaleShift(Value x, Value y, float factor, float shift)
+  ScaleShift(Value x, Value y, Real factor, Real shift)
       : Elementwise(x, y), factor_(factor), shift_(shift) {}
   static constexpr const char* kName = "scale_shift";
-  void apply(int64_t n, const float* x, float* y) const {
+  void apply(int64_t n, const Real* x, Real* y) const {
     for (int64_t i = 0; i < round_up(n, kLane); ++i) y[i] = factor_ * x[i] + shift_;
   }
-  void differentiate(int64_t n, const float*, const float*, const float* dy, float* dx) const {
+  void differentiate(int64_t n, const Real*, const Real*, const Real* dy, Real* dx) const {
     for (int64_t i = 0; i < round_up(n, kLane); ++i) dx[i] = factor_ * dy[i];
   }
 
  private:
-  float factor_, shift_;
+  Real factor_, shift_;
 };
 
 template <class Op, class... Parameters>
@@ -252,9 +252,9 @@ Value slice(Tape& tape, Value x, int first, int rows) {
 
 Value truncated_exp(Tape& tape, Value x) { return elementwise<TruncatedExp>(tape, x); }
 Value sigmoid(Tape& tape, Value x) { return elementwise<Sigmoid>(tape, x); }
-Value softplus(Tape& tape, Value x, float shift) { return elementwise<Softplus>(tape, x, shift); }
+Value softplus(Tape& tape, Value x, Real shift) { return elementwise<Softplus>(tape, x, shift); }
 Value relu(Tape& tape, Value x) { return elementwise<Relu>(tape, x); }
-Value scale_shift(Tape& tape, Value x, float factor, float shift) {
+Value scale_shift(Tape& tape, Value x, Real factor, Real shift) {
   return elementwise<ScaleShift>(tape, x, factor, shift);
 }
 

@@ -20,7 +20,7 @@ struct FeatureRows {
 // Both encodings: they differ in the order of their features, in identity and in the variance.
 class SineCosine : public Operation {
  public:
-  SineCosine(std::vector<Value> inputs, Value y, int coordinates, std::vector<float> weights,
+  SineCosine(std::vector<Value> inputs, Value y, int coordinates, std::vector<Real> weights,
              bool identity, bool sines_first)
       : Operation(std::move(inputs), y),
         coordinates_(coordinates),
@@ -31,13 +31,12 @@ class SineCosine : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = c.count(output());
-    const float* x = c.data(inputs()[0]);
-    const float* variance = integrated() ? c.data(inputs()[1]) : nullptr;
-    float* y = c.data(output());
+    const Real* x = c.data(inputs()[0]);
+    const Real* variance = integrated() ? c.data(inputs()[1]) : nullptr;
+    Real* y = c.data(output());
     if (identity_)
       for (int i = 0; i < coordinates_; ++i)
-        std::memcpy(y + i * ld, x + i * ld,
-                    static_cast<size_t>(round_up(n, kLane)) * sizeof(float));
+        std::memcpy(y + i * ld, x + i * ld, static_cast<size_t>(round_up(n, kLane)) * sizeof(Real));
     each_feature([&](int i, int k, FeatureRows rows) {
       sine_cosine_forward(n, x + i * ld, variance ? variance + i * ld : nullptr, frequency(k),
                           weights_[static_cast<size_t>(k)], y + rows.sine * ld,
@@ -47,13 +46,13 @@ class SineCosine : public Operation {
 
   void backward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = c.count(output());
-    const float* y = c.data(output());
-    const float* dy = c.gradient(output());
+    const Real* y = c.data(output());
+    const Real* dy = c.gradient(output());
     const bool of_variance = integrated() && c.tape->needs_gradient(inputs()[1]);
-    float* d_variance = of_variance ? cleared(c, 1) : nullptr;
+    Real* d_variance = of_variance ? cleared(c, 1) : nullptr;
     // The variance may be trained where the mean is not; the kernel gives both.
-    float* dx = c.tape->needs_gradient(inputs()[0]) ? cleared(c, 0)
-                                                    : c.arena.data() + c.tape->scratch_offset();
+    Real* dx = c.tape->needs_gradient(inputs()[0]) ? cleared(c, 0)
+                                                   : c.arena.data() + c.tape->scratch_offset();
     if (identity_)
       for (int i = 0; i < coordinates_; ++i) add_to(n, dy + i * ld, dx + i * ld);
     each_feature([&](int i, int k, FeatureRows rows) {
@@ -65,13 +64,13 @@ class SineCosine : public Operation {
 
  private:
   bool integrated() const { return inputs().size() == 2; }
-  static float frequency(int k) { return std::ldexp(1.0f, k); }
+  static Real frequency(int k) { return std::ldexp(1.0_r, k); }
 
-  float* cleared(Chunk& c, size_t input) const {
-    float* gradient = c.gradient(inputs()[input]);
+  Real* cleared(Chunk& c, size_t input) const {
+    Real* gradient = c.gradient(inputs()[input]);
     if (overwrites(input))
       for (int i = 0; i < coordinates_; ++i)
-        std::fill_n(gradient + i * c.stride(output()), round_up(c.count(output()), kLane), 0.0f);
+        std::fill_n(gradient + i * c.stride(output()), round_up(c.count(output()), kLane), 0.0_r);
     return gradient;
   }
 
@@ -89,7 +88,7 @@ class SineCosine : public Operation {
   }
 
   int coordinates_;
-  std::vector<float> weights_;
+  std::vector<Real> weights_;
   bool identity_, sines_first_;
 };
 
@@ -99,11 +98,11 @@ class ViewCode : public Operation {
   const char* name() const override { return "view_code"; }
 
   void forward(Chunk& c) const override {
-    const float* d = c.data(inputs()[0]);
+    const Real* d = c.data(inputs()[0]);
     const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
-    float* y = c.data(output());
+    Real* y = c.data(output());
     for (int r = 0; r < c.rays; ++r) {
-      float code[kSphericalHarmonics];
+      Real code[kSphericalHarmonics];
       spherical_harmonics(d[r], d[lr + r], d[2 * lr + r], code);
       for (int k = 0; k < kSphericalHarmonics; ++k)
         std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], code[k]);
@@ -119,26 +118,26 @@ class RepeatForSamples : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
-    const float* x = c.data(inputs()[0]);
-    float* y = c.data(output());
+    const Real* x = c.data(inputs()[0]);
+    Real* y = c.data(output());
     for (int k = 0; k < c.tape->rows(output()); ++k) {
       for (int r = 0; r < c.rays; ++r)
         std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], x[k * lr + r]);
-      std::fill(y + k * ls + c.samples, y + k * ls + round_up(c.samples, kLane), 0.0f);
+      std::fill(y + k * ls + c.samples, y + k * ls + round_up(c.samples, kLane), 0.0_r);
     }
   }
   void backward(Chunk& c) const override {
     const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
-    const float* dy = c.gradient(output());
-    float* dx = c.gradient(inputs()[0]);
+    const Real* dy = c.gradient(output());
+    Real* dx = c.gradient(inputs()[0]);
     for (int k = 0; k < c.tape->rows(output()); ++k) {
       for (int r = 0; r < c.rays; ++r) {
-        float sum = overwrites(0) ? 0.0f : dx[k * lr + r];
+        Real sum = overwrites(0) ? 0.0_r : dx[k * lr + r];
         for (int s = c.ray_begin[r]; s < c.ray_begin[r + 1]; ++s) sum += dy[k * ls + s];
         dx[k * lr + r] = sum;
       }
       if (overwrites(0))
-        std::fill(dx + k * lr + c.rays, dx + k * lr + round_up(c.rays, kLane), 0.0f);
+        std::fill(dx + k * lr + c.rays, dx + k * lr + round_up(c.rays, kLane), 0.0_r);
     }
   }
 };
@@ -150,18 +149,18 @@ class TableRows : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = c.count(output());
-    float* y = c.data(output());
+    Real* y = c.data(output());
     for (int64_t i = 0; i < round_up(n, kLane); ++i) {
-      const float* row = i < n && row_of(c, i) >= 0 ? c.weights + at(row_of(c, i)) : nullptr;
-      for (int k = 0; k < w_.in; ++k) y[k * ld + i] = row ? row[k] : 0.0f;
+      const Real* row = i < n && row_of(c, i) >= 0 ? c.weights + at(row_of(c, i)) : nullptr;
+      for (int k = 0; k < w_.in; ++k) y[k * ld + i] = row ? row[k] : 0.0_r;
     }
   }
   void backward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = c.count(output());
-    const float* dy = c.gradient(output());
+    const Real* dy = c.gradient(output());
     for (int64_t i = 0; i < n; ++i) {
       if (row_of(c, i) < 0) continue;
-      float* row = c.weight_gradient + at(row_of(c, i));
+      Real* row = c.weight_gradient + at(row_of(c, i));
       for (int k = 0; k < w_.in; ++k) row[k] += dy[k * ld + i];
     }
   }
@@ -181,11 +180,11 @@ class TableRows : public Operation {
 
 }  // namespace
 
-Value frequency_encoding(Tape& tape, Value x, std::span<const float> weights, bool identity) {
+Value frequency_encoding(Tape& tape, Value x, std::span<const Real> weights, bool identity) {
   const int d = tape.rows(x), frequencies = static_cast<int>(weights.size());
   const Value y = tape.output((identity ? d : 0) + 2 * d * frequencies, tape.domain(x), {&x, 1});
   tape.record(std::make_unique<SineCosine>(std::vector<Value>{x}, y, d,
-                                           std::vector<float>(weights.begin(), weights.end()),
+                                           std::vector<Real>(weights.begin(), weights.end()),
                                            identity, /*sines_first=*/false));
   return y;
 }
@@ -198,7 +197,7 @@ Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees) {
   const Value y = tape.output(2 * d * degrees, tape.domain(mean), from);
   tape.need_scratch(static_cast<size_t>(d) * static_cast<size_t>(tape.capacity(tape.domain(mean))));
   tape.record(std::make_unique<SineCosine>(std::vector<Value>{mean, variance}, y, d,
-                                           std::vector<float>(static_cast<size_t>(degrees), 1.0f),
+                                           std::vector<Real>(static_cast<size_t>(degrees), 1.0_r),
                                            /*identity=*/false,
                                            /*sines_first=*/true));
   return y;

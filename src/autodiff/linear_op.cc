@@ -18,7 +18,7 @@ class Linear : public Operation {
 
   void forward(Chunk& c) const override {
     const Value x = inputs()[0];
-    const float* bias = w_.bias ? c.weights + w_.bias_offset() : nullptr;
+    const Real* bias = w_.bias ? c.weights + w_.bias_offset() : nullptr;
     if (c.packed)
       linear_forward_bf16(w_.in, w_.out, c.packed + w_.packed, bias, c.data(x), c.data(output()),
                           c.stride(x), c.count(x), activation_);
@@ -30,12 +30,12 @@ class Linear : public Operation {
   void backward(Chunk& c) const override {
     const Value x = inputs()[0];
     const int64_t ld = c.stride(x), n = c.count(x);
-    float* dy = c.gradient(output());
+    Real* dy = c.gradient(output());
     // Where the only reader is another layer, that one has applied the ReLU's mask already.
     if (activation_ == LinearActivation::kRelu && !masked_by_reader(c))
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
-    float* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;
+    Real* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;
     (c.packed ? linear_backward_weights_bf16 : linear_backward_weights)(
         w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset, dbias);
     if (!c.tape->needs_gradient(x)) return;
@@ -43,8 +43,8 @@ class Linear : public Operation {
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
     const bool mask =
         maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
-    const float* relu_output = mask ? c.data(x) : nullptr;
-    float* dx = overwrites(0) ? c.gradient(x) : c.arena.data() + c.tape->scratch_offset();
+    const Real* relu_output = mask ? c.data(x) : nullptr;
+    Real* dx = overwrites(0) ? c.gradient(x) : c.arena.data() + c.tape->scratch_offset();
     if (c.packed)
       linear_backward_input_bf16(w_.in, w_.out, c.packed + w_.packed, dy, dx, ld, n, relu_output);
     else
@@ -72,7 +72,7 @@ void place_packs(std::span<LinearWeights* const> layers) {
   }
 }
 
-void pack_layers(std::span<const LinearWeights> layers, const float* weights,
+void pack_layers(std::span<const LinearWeights> layers, const Real* weights,
                  AlignedArray<uint16_t>& packed, ThreadPool& pool) {
   if (packed.size() == 0) {
     size_t size = 0;

@@ -12,25 +12,25 @@ namespace {
 // For |r| <= delta it equals r^2.
 struct Huber {
   static constexpr const char* kName = "huber_loss";
-  float delta;
-  float value(float e) const {
-    const float a = std::fabs(e);
+  Real delta;
+  Real value(Real e) const {
+    const Real a = std::fabs(e);
     return a <= delta ? e * e : delta * (2 * a - delta);
   }
-  float slope(float e) const { return 2 * std::clamp(e, -delta, delta); }
+  Real slope(Real e) const { return 2 * std::clamp(e, -delta, delta); }
 };
 
 struct Squared {
   static constexpr const char* kName = "squared_loss";
-  float value(float e) const { return e * e; }
-  float slope(float e) const { return 2 * e; }
+  Real value(Real e) const { return e * e; }
+  Real slope(Real e) const { return 2 * e; }
 };
 
 struct Charbonnier {
   static constexpr const char* kName = "charbonnier_loss";
-  float epsilon;
-  float value(float e) const { return std::sqrt(e * e + epsilon * epsilon); }
-  float slope(float e) const { return e / value(e); }
+  Real epsilon;
+  Real value(Real e) const { return std::sqrt(e * e + epsilon * epsilon); }
+  Real slope(Real e) const { return e / value(e); }
 };
 
 // Sum over the colour channels of f(pixel - target), times the ray's scale.
@@ -43,12 +43,12 @@ class PixelLoss : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t lr = c.stride(output());
-    const float* p = c.data(inputs()[0]);
-    const float* t = c.data(inputs()[1]);
-    const float* scale = c.data(inputs()[2]);
-    float* out = c.data(output());
+    const Real* p = c.data(inputs()[0]);
+    const Real* t = c.data(inputs()[1]);
+    const Real* scale = c.data(inputs()[2]);
+    Real* out = c.data(output());
     for (int r = 0; r < c.rays; ++r) {
-      float sum = 0;
+      Real sum = 0;
       for (int k = 0; k < 3; ++k) sum += f_.value(p[k * lr + r] - t[k * lr + r]);
       out[r] = sum * scale[r];
       c.loss += static_cast<double>(out[r]);
@@ -57,10 +57,10 @@ class PixelLoss : public Operation {
 
   void backward(Chunk& c) const override {
     const int64_t lr = c.stride(output());
-    const float* p = c.data(inputs()[0]);
-    const float* t = c.data(inputs()[1]);
-    const float* scale = c.data(inputs()[2]);
-    float* dp = c.gradient(inputs()[0]);
+    const Real* p = c.data(inputs()[0]);
+    const Real* t = c.data(inputs()[1]);
+    const Real* scale = c.data(inputs()[2]);
+    Real* dp = c.gradient(inputs()[0]);
     NERF_CHECK(overwrites(0));
     for (int r = 0; r < c.rays; ++r) {
       for (int k = 0; k < 3; ++k)
@@ -68,7 +68,7 @@ class PixelLoss : public Operation {
       dp[3 * lr + r] = 0;
     }
     const int64_t padded = round_up(c.rays, kLane);
-    for (int k = 0; k < 4; ++k) std::fill(dp + k * lr + c.rays, dp + k * lr + padded, 0.0f);
+    for (int k = 0; k < 4; ++k) std::fill(dp + k * lr + c.rays, dp + k * lr + padded, 0.0_r);
   }
 
  private:
@@ -94,25 +94,25 @@ class AddGradient : public Operation {
   void backward(Chunk& c) const override {
     const Value x = inputs()[0];
     const int64_t ld = c.stride(x), n = c.count(x);
-    const float* from = c.data(inputs()[1]);
-    float* dx = c.gradient(x);
+    const Real* from = c.data(inputs()[1]);
+    Real* dx = c.gradient(x);
     for (int r = 0; r < c.tape->rows(x); ++r) {
       for (int64_t i = 0; i < n; ++i)
-        dx[r * ld + i] = (overwrites(0) ? 0.0f : dx[r * ld + i]) + from[r * ld + i];
-      if (overwrites(0)) std::fill(dx + r * ld + n, dx + r * ld + round_up(n, kLane), 0.0f);
+        dx[r * ld + i] = (overwrites(0) ? 0.0_r : dx[r * ld + i]) + from[r * ld + i];
+      if (overwrites(0)) std::fill(dx + r * ld + n, dx + r * ld + round_up(n, kLane), 0.0_r);
     }
   }
 };
 
 }  // namespace
 
-Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta) {
+Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, Real delta) {
   return pixel_loss(tape, pixel, target, scale, Huber{delta});
 }
 Value squared_loss(Tape& tape, Value pixel, Value target, Value scale) {
   return pixel_loss(tape, pixel, target, scale, Squared{});
 }
-Value charbonnier_loss(Tape& tape, Value pixel, Value target, Value scale, float epsilon) {
+Value charbonnier_loss(Tape& tape, Value pixel, Value target, Value scale, Real epsilon) {
   return pixel_loss(tape, pixel, target, scale, Charbonnier{epsilon});
 }
 

@@ -16,7 +16,7 @@ class RenderWeights : public Operation {
   const char* name() const override { return "render_weights"; }
 
   void forward(Chunk& c) const override {
-    float* w = c.data(output());
+    Real* w = c.data(output());
     opacity(c.samples, c.data(inputs()[0]), c.data(inputs()[1]), w);
     for (int r = 0; r < c.rays; ++r) {
       const int end = c.ray_begin[r + 1];
@@ -26,11 +26,11 @@ class RenderWeights : public Operation {
   }
 
   void backward(Chunk& c) const override {
-    const float* w = c.data(output());
-    const float* g = c.gradient(output());
-    const float* density = c.data(inputs()[0]);
-    const float* delta = c.data(inputs()[1]);
-    float* d_density = c.gradient(inputs()[0]);
+    const Real* w = c.data(output());
+    const Real* g = c.gradient(output());
+    const Real* density = c.data(inputs()[0]);
+    const Real* delta = c.data(inputs()[1]);
+    Real* d_density = c.gradient(inputs()[0]);
     NERF_CHECK(overwrites(0));
     for (int r = 0; r < c.rays; ++r) {
       const int begin = c.ray_begin[r];
@@ -48,7 +48,7 @@ class RenderWeights : public Operation {
       }
       internal::density_gradients(w, delta, begin, end, t, behind, gradient, d_density);
     }
-    std::fill(d_density + c.ray_begin[c.rays], d_density + round_up(c.samples, kLane), 0.0f);
+    std::fill(d_density + c.ray_begin[c.rays], d_density + round_up(c.samples, kLane), 0.0_r);
   }
 
  private:
@@ -63,10 +63,10 @@ class Accumulate : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t ls = c.stride(inputs()[1]), lr = c.stride(output());
-    const float* w = c.data(inputs()[0]);
-    const float* rgb = c.data(inputs()[1]);
-    const float* background = c.data(inputs()[2]);
-    float* pixel = c.data(output());
+    const Real* w = c.data(inputs()[0]);
+    const Real* rgb = c.data(inputs()[1]);
+    const Real* background = c.data(inputs()[2]);
+    Real* pixel = c.data(output());
     for (int r = 0; r < c.rays; ++r) {
       double sum[4] = {0, 0, 0, 0};
       for (int i = c.ray_begin[r]; i < c.ray_begin[r + 1]; ++i) {
@@ -76,26 +76,26 @@ class Accumulate : public Operation {
       }
       for (int k = 0; k < 3; ++k)
         pixel[k * lr + r] =
-            static_cast<float>(sum[k] + (1 - sum[3]) * static_cast<double>(background[k * lr + r]));
-      pixel[3 * lr + r] = static_cast<float>(sum[3]);
+            static_cast<Real>(sum[k] + (1 - sum[3]) * static_cast<double>(background[k * lr + r]));
+      pixel[3 * lr + r] = static_cast<Real>(sum[3]);
     }
   }
 
   void backward(Chunk& c) const override {
     const int64_t ls = c.stride(inputs()[1]), lr = c.stride(output());
-    const float* w = c.data(inputs()[0]);
-    const float* rgb = c.data(inputs()[1]);
-    const float* background = c.data(inputs()[2]);
-    const float* dp = c.gradient(output());
-    float* dw = c.tape->needs_gradient(inputs()[0]) ? c.gradient(inputs()[0]) : nullptr;
-    float* d_rgb = c.tape->needs_gradient(inputs()[1]) ? c.gradient(inputs()[1]) : nullptr;
+    const Real* w = c.data(inputs()[0]);
+    const Real* rgb = c.data(inputs()[1]);
+    const Real* background = c.data(inputs()[2]);
+    const Real* dp = c.gradient(output());
+    Real* dw = c.tape->needs_gradient(inputs()[0]) ? c.gradient(inputs()[0]) : nullptr;
+    Real* d_rgb = c.tape->needs_gradient(inputs()[1]) ? c.gradient(inputs()[1]) : nullptr;
     NERF_CHECK(overwrites(1));
     const int64_t padded = round_up(c.samples, kLane);
-    if (dw && overwrites(0)) std::fill(dw, dw + padded, 0.0f);
+    if (dw && overwrites(0)) std::fill(dw, dw + padded, 0.0_r);
     for (int r = 0; r < c.rays; ++r) {
-      const float g[3] = {dp[r], dp[lr + r], dp[2 * lr + r]};
-      const float rest = dp[3 * lr + r] - g[0] * background[r] - g[1] * background[lr + r] -
-                         g[2] * background[2 * lr + r];
+      const Real g[3] = {dp[r], dp[lr + r], dp[2 * lr + r]};
+      const Real rest = dp[3 * lr + r] - g[0] * background[r] - g[1] * background[lr + r] -
+                        g[2] * background[2 * lr + r];
       for (int i = c.ray_begin[r]; i < c.ray_begin[r + 1]; ++i) {
         if (dw) dw[i] += g[0] * rgb[i] + g[1] * rgb[ls + i] + g[2] * rgb[2 * ls + i] + rest;
         if (d_rgb)
@@ -104,7 +104,7 @@ class Accumulate : public Operation {
     }
     if (d_rgb)
       for (int k = 0; k < 3; ++k)
-        std::fill(d_rgb + k * ls + c.ray_begin[c.rays], d_rgb + k * ls + padded, 0.0f);
+        std::fill(d_rgb + k * ls + c.ray_begin[c.rays], d_rgb + k * ls + padded, 0.0_r);
   }
 };
 

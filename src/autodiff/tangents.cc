@@ -20,8 +20,8 @@ class Gate : public Operation {
   void forward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
     for (int r = 0; r < c.tape->rows(output()); ++r) {
-      const float *x = c.data(inputs()[0]) + r * ld, *open = c.data(open_) + r * ld;
-      float* y = c.data(output()) + r * ld;
+      const Real *x = c.data(inputs()[0]) + r * ld, *open = c.data(open_) + r * ld;
+      Real* y = c.data(output()) + r * ld;
       for (int64_t i = 0; i < n; ++i) y[i] = open[i] > 0 ? x[i] : 0;
     }
   }
@@ -29,8 +29,8 @@ class Gate : public Operation {
     const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
     const bool overwrite = overwrites(0);
     for (int r = 0; r < c.tape->rows(output()); ++r) {
-      const float *dy = c.gradient(output()) + r * ld, *open = c.data(open_) + r * ld;
-      float* dx = c.gradient(inputs()[0]) + r * ld;
+      const Real *dy = c.gradient(output()) + r * ld, *open = c.data(open_) + r * ld;
+      Real* dx = c.gradient(inputs()[0]) + r * ld;
       for (int64_t i = 0; i < n; ++i) dx[i] = (overwrite ? 0 : dx[i]) + (open[i] > 0 ? dy[i] : 0);
     }
   }
@@ -48,14 +48,14 @@ class EncodingTangent : public Operation {
 
   void forward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
-    const float *features = c.data(inputs()[0]), *tangent = c.data(inputs()[1]);
-    float* y = c.data(output());
+    const Real *features = c.data(inputs()[0]), *tangent = c.data(inputs()[1]);
+    Real* y = c.data(output());
     const int coordinates = c.tape->rows(inputs()[1]);
     if (identity_)
       for (int k = 0; k < coordinates; ++k) std::copy_n(tangent + k * ld, n, y + k * ld);
-    each_pair(coordinates, [&](int k, float frequency, int sine, int cosine) {
-      const float* t = tangent + k * ld;
-      const float *s = features + sine * ld, *co = features + cosine * ld;
+    each_pair(coordinates, [&](int k, Real frequency, int sine, int cosine) {
+      const Real* t = tangent + k * ld;
+      const Real *s = features + sine * ld, *co = features + cosine * ld;
       for (int64_t i = 0; i < n; ++i) {
         y[sine * ld + i] = frequency * co[i] * t[i];
         y[cosine * ld + i] = -frequency * s[i] * t[i];
@@ -65,17 +65,17 @@ class EncodingTangent : public Operation {
 
   void backward(Chunk& c) const override {
     const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
-    const float *features = c.data(inputs()[0]), *tangent = c.data(inputs()[1]);
-    const float* dy = c.gradient(output());
-    float* d_features = cleared(c, 0);
-    float* d_tangent = cleared(c, 1);
+    const Real *features = c.data(inputs()[0]), *tangent = c.data(inputs()[1]);
+    const Real* dy = c.gradient(output());
+    Real* d_features = cleared(c, 0);
+    Real* d_tangent = cleared(c, 1);
     const int coordinates = c.tape->rows(inputs()[1]);
     if (identity_ && d_tangent)
       for (int k = 0; k < coordinates; ++k) add_to(n, dy + k * ld, d_tangent + k * ld);
-    each_pair(coordinates, [&](int k, float frequency, int sine, int cosine) {
-      const float* t = tangent + k * ld;
-      const float *s = features + sine * ld, *co = features + cosine * ld;
-      const float *ds = dy + sine * ld, *dc = dy + cosine * ld;
+    each_pair(coordinates, [&](int k, Real frequency, int sine, int cosine) {
+      const Real* t = tangent + k * ld;
+      const Real *s = features + sine * ld, *co = features + cosine * ld;
+      const Real *ds = dy + sine * ld, *dc = dy + cosine * ld;
       for (int64_t i = 0; d_tangent && i < n; ++i)
         d_tangent[k * ld + i] += frequency * (co[i] * ds[i] - s[i] * dc[i]);
       for (int64_t i = 0; d_features && i < n; ++i) {
@@ -88,12 +88,12 @@ class EncodingTangent : public Operation {
  private:
   // The gradient of an input, 0 where this operation is the first to add to it; null where it needs
   // none.
-  float* cleared(Chunk& c, size_t input) const {
+  Real* cleared(Chunk& c, size_t input) const {
     if (!c.tape->needs_gradient(inputs()[input])) return nullptr;
-    float* gradient = c.gradient(inputs()[input]);
+    Real* gradient = c.gradient(inputs()[input]);
     if (overwrites(input))
       for (int r = 0; r < c.tape->rows(inputs()[input]); ++r)
-        std::fill_n(gradient + r * c.stride(output()), round_up(c.count(output()), kLane), 0.0f);
+        std::fill_n(gradient + r * c.stride(output()), round_up(c.count(output()), kLane), 0.0_r);
     return gradient;
   }
 
@@ -103,7 +103,7 @@ class EncodingTangent : public Operation {
     const int first = identity_ ? coordinates : 0;
     for (int f = 0; f < frequencies_; ++f)
       for (int k = 0; k < coordinates; ++k)
-        body(k, std::ldexp(1.0f, f), first + 2 * f * coordinates + k,
+        body(k, std::ldexp(1.0_r, f), first + 2 * f * coordinates + k,
              first + (2 * f + 1) * coordinates + k);
   }
 
@@ -170,7 +170,7 @@ WithTangents sigmoid(Tape& tape, const WithTangents& x) {
   return {y, of_each(x, [&](Value t) { return multiply(tape, slope, t); })};
 }
 
-WithTangents softplus(Tape& tape, const WithTangents& x, float shift) {
+WithTangents softplus(Tape& tape, const WithTangents& x, Real shift) {
   const Value slope = sigmoid(tape, scale_shift(tape, x.value, 1, shift));
   return {softplus(tape, x.value, shift),
           of_each(x, [&](Value t) { return multiply(tape, slope, t); })};
@@ -194,12 +194,12 @@ WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b) 
   return y;
 }
 
-WithTangents scale_shift(Tape& tape, const WithTangents& x, float factor, float shift) {
+WithTangents scale_shift(Tape& tape, const WithTangents& x, Real factor, Real shift) {
   return {scale_shift(tape, x.value, factor, shift),
           of_each(x, [&](Value t) { return scale_shift(tape, t, factor, 0); })};
 }
 
-WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const float> weights,
+WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const Real> weights,
                                 bool identity) {
   const Value y = frequency_encoding(tape, x.value, weights, identity);
   const int frequencies = static_cast<int>(weights.size());

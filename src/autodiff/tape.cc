@@ -57,11 +57,11 @@ class Arena {
 
 Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()) {}
 
-float* Chunk::data(Value v) { return arena.data() + tape->values_[static_cast<size_t>(v)].data; }
-const float* Chunk::data(Value v) const {
+Real* Chunk::data(Value v) { return arena.data() + tape->values_[static_cast<size_t>(v)].data; }
+const Real* Chunk::data(Value v) const {
   return arena.data() + tape->values_[static_cast<size_t>(v)].data;
 }
-float* Chunk::gradient(Value v) {
+Real* Chunk::gradient(Value v) {
   NERF_CHECK(tape->values_[static_cast<size_t>(v)].gradient);
   return arena.data() + tape->values_[static_cast<size_t>(v)].grad;
 }

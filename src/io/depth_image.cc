@@ -10,37 +10,37 @@
 namespace nerf {
 namespace {
 
-bool has_depth(float depth, float alpha) {
+bool has_depth(Real depth, Real alpha) {
   return depth > 0 && std::isfinite(depth) && alpha > 0 && std::isfinite(alpha);
 }
 
 }  // namespace
 
-Vec3 turbo_color(float x) {
+Vec3 turbo_color(Real x) {
   // Entries 0, 15, 30, ..., 255 of the published table of 256.
   constexpr int kKnots = 18;
-  constexpr float kTable[kKnots][3] = {
-      {0.18995f, 0.07176f, 0.23217f}, {0.24830f, 0.24143f, 0.61286f},
-      {0.27509f, 0.40072f, 0.86692f}, {0.26878f, 0.54995f, 0.99303f},
-      {0.18625f, 0.69775f, 0.95498f}, {0.10026f, 0.82955f, 0.81389f},
-      {0.13526f, 0.92197f, 0.66556f}, {0.32006f, 0.97974f, 0.47654f},
-      {0.54658f, 0.99907f, 0.29581f}, {0.71577f, 0.96875f, 0.20815f},
-      {0.85868f, 0.88655f, 0.21230f}, {0.96049f, 0.77181f, 0.22811f},
-      {0.99654f, 0.63193f, 0.18738f}, {0.97545f, 0.45740f, 0.11305f},
-      {0.91024f, 0.29599f, 0.04814f}, {0.80799f, 0.17753f, 0.01660f},
-      {0.66449f, 0.08436f, 0.00424f}, {0.47960f, 0.01583f, 0.01055f}};
-  const float place = (x >= 0 ? std::min(x, 1.0f) : 0.0f) * (kKnots - 1);
+  constexpr Real kTable[kKnots][3] = {
+      {0.18995_r, 0.07176_r, 0.23217_r}, {0.24830_r, 0.24143_r, 0.61286_r},
+      {0.27509_r, 0.40072_r, 0.86692_r}, {0.26878_r, 0.54995_r, 0.99303_r},
+      {0.18625_r, 0.69775_r, 0.95498_r}, {0.10026_r, 0.82955_r, 0.81389_r},
+      {0.13526_r, 0.92197_r, 0.66556_r}, {0.32006_r, 0.97974_r, 0.47654_r},
+      {0.54658_r, 0.99907_r, 0.29581_r}, {0.71577_r, 0.96875_r, 0.20815_r},
+      {0.85868_r, 0.88655_r, 0.21230_r}, {0.96049_r, 0.77181_r, 0.22811_r},
+      {0.99654_r, 0.63193_r, 0.18738_r}, {0.97545_r, 0.45740_r, 0.11305_r},
+      {0.91024_r, 0.29599_r, 0.04814_r}, {0.80799_r, 0.17753_r, 0.01660_r},
+      {0.66449_r, 0.08436_r, 0.00424_r}, {0.47960_r, 0.01583_r, 0.01055_r}};
+  const Real place = (x >= 0 ? std::min(x, 1.0_r) : 0.0_r) * (kKnots - 1);
   const int below = std::min(static_cast<int>(place), kKnots - 2);
-  const float u = place - static_cast<float>(below);
+  const Real u = place - static_cast<Real>(below);
   Vec3 color;
   for (int c = 0; c < 3; ++c) color[c] = kTable[below][c] * (1 - u) + kTable[below + 1][c] * u;
   return color;
 }
 
-DepthRange depth_range(std::span<const float> depth, std::span<const float> alpha, double low,
+DepthRange depth_range(std::span<const Real> depth, std::span<const Real> alpha, double low,
                        double high) {
   NERF_CHECK_EQ(depth.size(), alpha.size());
-  std::vector<std::pair<float, float>> seen;  // depth and its weight
+  std::vector<std::pair<Real, Real>> seen;  // depth and its weight
   seen.reserve(depth.size());
   double whole = 0;
   for (size_t i = 0; i < depth.size(); ++i)
@@ -76,8 +76,8 @@ DepthRange merged(std::span<const DepthRange> ranges) {
   return all;
 }
 
-Image8 depth_image(int width, int height, std::span<const float> depth,
-                   std::span<const float> alpha, const DepthRange& range) {
+Image8 depth_image(int width, int height, std::span<const Real> depth, std::span<const Real> alpha,
+                   const DepthRange& range) {
   const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
   NERF_CHECK_EQ(depth.size(), pixels);
   NERF_CHECK_EQ(alpha.size(), pixels);
@@ -93,10 +93,10 @@ Image8 depth_image(int width, int height, std::span<const float> depth,
     if (!has_depth(depth[i], alpha[i])) continue;
     // A flat scene has no span: all of it is near.
     const double x = span > 0 ? (1 / static_cast<double>(depth[i]) - lowest) / span : 1.0;
-    const Vec3 color = turbo_color(static_cast<float>(x)) * std::min(alpha[i], 1.0f);
+    const Vec3 color = turbo_color(static_cast<Real>(x)) * std::min(alpha[i], 1.0_r);
     for (int c = 0; c < 3; ++c)
       image.pixels[3 * i + static_cast<size_t>(c)] =
-          static_cast<uint8_t>(std::lround(color[c] * 255.0f));
+          static_cast<uint8_t>(std::lround(color[c] * 255.0_r));
   }
   return image;
 }

@@ -57,7 +57,7 @@ ImageF to_float(const internal::StoredImage& stored) {
   if (stored.premultiplied) {
     const auto channels = static_cast<size_t>(stored.channels);
     for (size_t i = 0; i < count; i += channels) {
-      const float alpha = image.pixels[i + channels - 1];
+      const Real alpha = image.pixels[i + channels - 1];
       for (size_t c = 0; alpha > 0 && c + 1 < channels; ++c) image.pixels[i + c] /= alpha;
     }
   }
@@ -81,10 +81,10 @@ ImageF read_image_float(const fs::path& path) { return to_float(internal::decode
 Image8 to_8bit(const ImageF& image) {
   Image8 result{image.width, image.height, image.channels, {}};
   result.pixels.resize(image.pixels.size());
-  std::transform(image.pixels.begin(), image.pixels.end(), result.pixels.begin(), [](float v) {
+  std::transform(image.pixels.begin(), image.pixels.end(), result.pixels.begin(), [](Real v) {
     // Written so that a value that is not a number fails the first comparison.
-    const float clamped = v > 0 ? std::min(v, 1.0f) : 0.0f;
-    return static_cast<uint8_t>(clamped * 255.0f + 0.5f);
+    const Real clamped = v > 0 ? std::min(v, 1.0_r) : 0.0_r;
+    return static_cast<uint8_t>(clamped * 255.0_r + 0.5_r);
   });
   return result;
 }

@@ -44,7 +44,7 @@ Photo scaled(const Photo& photo, int width, int height) {
       photo.width, photo.height, photo.channels,
       [&](int y, std::span<float> row) {
         for (int x = 0; x < photo.width; ++x) {
-          float rgba[4];
+          Real rgba[4];
           photo.pixel(x, y, rgba);
           for (size_t c = 0; c < channels; ++c)
             row[static_cast<size_t>(x) * channels + c] = c < 3 ? rgba[c] * rgba[3] : rgba[3];

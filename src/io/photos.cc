@@ -150,13 +150,13 @@ std::vector<uint8_t> read_mask(const View& view, const StoredImage& photo, int w
 
 }  // namespace
 
-void Photo::pixel(int x, int y, float rgba[4]) const {
+void Photo::pixel(int x, int y, Real rgba[4]) const {
   const size_t at = (static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)) *
                     static_cast<size_t>(channels);
   rgba[3] = 1;
   if (!pixels8.empty()) {
     for (int c = 0; c < channels; ++c) {
-      rgba[c] = static_cast<float>(pixels8[at + static_cast<size_t>(c)]) / 255.0f;
+      rgba[c] = static_cast<Real>(pixels8[at + static_cast<size_t>(c)]) / 255.0_r;
     }
   } else {
     for (int c = 0; c < channels; ++c) {

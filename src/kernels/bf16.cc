@@ -10,7 +10,8 @@
 #include "nerf/kernels/peak.h"
 #include "nerf/kernels/simd.h"
 
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(NERF_DOUBLE)
+#define NERF_BF16_UNITS
 #include <cpuid.h>
 #endif
 
@@ -23,7 +24,7 @@ struct Processor {
 
 Processor detect() {
   Processor p;
-#if defined(__x86_64__)
+#ifdef NERF_BF16_UNITS
   unsigned a, b, c, d;
   if (!__get_cpuid(0, &a, &b, &c, &d)) return p;
   p.amd = b == signature_AMD_ebx && c == signature_AMD_ecx && d == signature_AMD_edx;
@@ -121,8 +122,8 @@ std::string precision_name(Precision precision) {
   return precision == Precision::kBf16 ? "bf16 (" + bf16_unit_name(bf16_unit()) + ")" : "f32";
 }
 
-int64_t bf16_loop(int64_t rounds, float* sink) {
-#if defined(__x86_64__)
+int64_t bf16_loop(int64_t rounds, Real* sink) {
+#ifdef NERF_BF16_UNITS
   if (bf16_unit() == Bf16Unit::kAmx) return internal::bf16_loop_amx(rounds, sink);
   if (bf16_unit() == Bf16Unit::kAvx512) return internal::bf16_loop_avx512(rounds, sink);
 #endif

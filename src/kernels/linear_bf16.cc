@@ -17,7 +17,7 @@ int64_t packed_layer_size(int in, int out) {
          round_up(in, kBf16Rows) * round_up(out, kBf16Depth);
 }
 
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(NERF_DOUBLE)
 
 namespace {
 
@@ -141,17 +141,17 @@ void linear_backward_weights_bf16(int in, int out, const float* dy, const float*
 
 #else
 
-void pack_layer(int, int, const float*, uint16_t*) { NERF_CHECK(false); }
-void linear_forward_bf16(int, int, const uint16_t*, const float*, const float*, float*, int64_t,
+void pack_layer(int, int, const Real*, uint16_t*) { NERF_CHECK(false); }
+void linear_forward_bf16(int, int, const uint16_t*, const Real*, const Real*, Real*, int64_t,
                          int64_t, LinearActivation) {
   NERF_CHECK(false);
 }
-void linear_backward_input_bf16(int, int, const uint16_t*, const float*, float*, int64_t, int64_t,
-                                const float*) {
+void linear_backward_input_bf16(int, int, const uint16_t*, const Real*, Real*, int64_t, int64_t,
+                                const Real*) {
   NERF_CHECK(false);
 }
-void linear_backward_weights_bf16(int, int, const float*, const float*, int64_t, int64_t, float*,
-                                  float*) {
+void linear_backward_weights_bf16(int, int, const Real*, const Real*, int64_t, int64_t, Real*,
+                                  Real*) {
   NERF_CHECK(false);
 }
 

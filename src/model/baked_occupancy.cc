@@ -10,7 +10,7 @@ namespace nerf::internal {
 
 namespace {
 
-constexpr float kEmptyThickness = 1e-3f;  // optical, of a cell's width
+constexpr Real kEmptyThickness = 1e-3_r;  // optical, of a cell's width
 
 // Each cell becomes the largest of itself and its neighbours along one axis.
 void grow(std::vector<uint8_t>& cells, int64_t first, int64_t stride, ThreadPool& pool) {
@@ -64,14 +64,14 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
   std::vector<uint8_t> out(static_cast<size_t>(kCascades * kCells), 0);
   std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool.size()));
   for (int cascade = 0; cascade < kCascades; ++cascade) {
-    const float w = baked_cell_width(BakedOccupancy::kSide, cascade);
+    const Real w = baked_cell_width(BakedOccupancy::kSide, cascade);
     pool.parallel_for_thread(kCells / kCellsPerBlock, [&](int64_t block, int thread) {
       if (cancel && cancel->requested()) throw Cancelled();
       auto& own = workers[static_cast<size_t>(thread)];
       if (!own) own = std::make_unique<Worker>(field, level);
       Chunk& c = own->chunk;
       const int64_t ld = c.stride(own->tape.position);
-      float* position = c.data(own->tape.position);
+      Real* position = c.data(own->tape.position);
       int64_t cells[kCellsPerBlock];
       int count = 0;
       for (int64_t cell = block * kCellsPerBlock; cell < (block + 1) * kCellsPerBlock; ++cell) {
@@ -86,7 +86,7 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
         for (int i = 0; i < kPoints; ++i)
           for (int k = 0; k < 3; ++k)
             position[k * ld + count * kPoints + i] =
-                (static_cast<float>(at[k] - kSide / 2) + random.uniform()) * w;
+                (static_cast<Real>(at[k] - kSide / 2) + random.uniform()) * w;
         cells[count++] = cell;
       }
       if (count == 0) return;
@@ -95,7 +95,7 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
       c.ray_begin = ray_begin;
       std::fill_n(c.data(own->tape.delta), c.samples, w);
       own->tape.forward_weights(c);
-      const float* density = c.data(own->tape.density);
+      const Real* density = c.data(own->tape.density);
       for (int i = 0; i < count; ++i)
         for (int k = 0; k < kPoints; ++k)
           if (!(density[i * kPoints + k] * w < kEmptyThickness))

@@ -14,8 +14,8 @@
 
 namespace nerf::internal {
 
-inline float baked_cell_width(int side, int cascade) {
-  return std::ldexp(2.0f / static_cast<float>(side), cascade);
+inline Real baked_cell_width(int side, int cascade) {
+  return std::ldexp(2.0_r / static_cast<Real>(side), cascade);
 }
 
 // Cells of the space that the networks' positions live in (warped, where the method warps it): one
@@ -31,7 +31,7 @@ class BakedOccupancy {
   // Whether the density of the last level, or of those before it, may be above 0 at p. True outside
   // the grids.
   bool may_hold(const Vec3& p, bool last) const {
-    const float most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
+    const Real most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
     if (!(most < 2)) return true;
     const int cascade = most < 1 ? 0 : 1;
     const std::vector<uint8_t>& cells = last || before_.empty() ? last_ : before_;
@@ -45,7 +45,7 @@ class BakedOccupancy {
  private:
   friend BakedOccupancy bake_occupancy(const NetworkField&, ThreadPool&, const Cancel*);
   static int64_t cell_of(const Vec3& p, int cascade) {
-    const float scale = 1 / baked_cell_width(kSide, cascade);
+    const Real scale = 1 / baked_cell_width(kSide, cascade);
     int64_t at[3];
     for (int k = 0; k < 3; ++k)
       at[k] = std::clamp<int64_t>(static_cast<int64_t>(std::floor(p[k] * scale)) + kSide / 2, 0,

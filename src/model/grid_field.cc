@@ -26,8 +26,8 @@ std::vector<LinearWeights> place_layers(int in, int hidden, int hidden_layers, i
   return layers;
 }
 
-void xavier_uniform(const LinearWeights& w, Random random, float* weights) {
-  const float bound = std::sqrt(6.0f / static_cast<float>(w.in + w.out));
+void xavier_uniform(const LinearWeights& w, Random random, Real* weights) {
+  const Real bound = std::sqrt(6.0_r / static_cast<Real>(w.in + w.out));
   for (int j = 0; j < w.out; ++j)
     for (int k = 0; k < w.in; ++k)
       weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
@@ -78,7 +78,7 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
       place_layers(shape.features(), o.hidden, o.density_layers, o.geometry_features, size);
   colour_layers =
       place_layers(o.geometry_features + kSphericalHarmonics, o.hidden, o.colour_layers, 3, size);
-  weights = AlignedArray<float>(size);
+  weights = AlignedArray<Real>(size);
   std::vector<LinearWeights*> all;
   for (auto* layers : {&density_layers, &colour_layers})
     for (LinearWeights& w : *layers) all.push_back(&w);
@@ -98,9 +98,9 @@ void GridField::initialise(uint64_t seed) {
   for (uint64_t r = 0; r < shape.rows; ++r) {
     Random random(seed, kTableStream, r);
     for (size_t f = 0; f < features; ++f)
-      table[r * features + f] = 1e-4f * (2 * random.uniform() - 1);
+      table[r * features + f] = 1e-4_r * (2 * random.uniform() - 1);
   }
-  std::fill(weights.begin(), weights.end(), 0.0f);
+  std::fill(weights.begin(), weights.end(), 0.0_r);
   uint64_t layer = 0;
   for (const auto* layers : {&density_layers, &colour_layers})
     for (const LinearWeights& w : *layers)
@@ -108,16 +108,16 @@ void GridField::initialise(uint64_t seed) {
 }
 
 Vec3 GridField::grid_position(const Vec3& p) const {
-  return unbounded ? contract(p) * 0.25f + Vec3{0.5f, 0.5f, 0.5f}
-                   : p * 0.5f + Vec3{0.5f, 0.5f, 0.5f};
+  return unbounded ? contract(p) * 0.25_r + Vec3{0.5_r, 0.5_r, 0.5_r}
+                   : p * 0.5_r + Vec3{0.5_r, 0.5_r, 0.5_r};
 }
 
-float GridField::grid_scale(const Vec3& p) const {
-  if (!unbounded) return 0.5f;
-  const float r = length(p);
-  if (!(r > 1)) return 0.25f;
-  const float across = (2 - 1 / r) / r;  // contraction: (2 r - 1) / r^2 across, 1 / r^2 along
-  return 0.25f * std::cbrt(across * across / r / r);
+Real GridField::grid_scale(const Vec3& p) const {
+  if (!unbounded) return 0.5_r;
+  const Real r = length(p);
+  if (!(r > 1)) return 0.25_r;
+  const Real across = (2 - 1 / r) / r;  // contraction: (2 r - 1) / r^2 across, 1 / r^2 along
+  return 0.25_r * std::cbrt(across * across / r / r);
 }
 
 GridTape::GridTape(const GridField& field, bool training, const GridLosses& losses) {
@@ -148,17 +148,17 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
   tape.plan();
 }
 
-void fade_level(const HashGridLevel& level, const float* spread, int64_t n, float* features,
+void fade_level(const HashGridLevel& level, const Real* spread, int64_t n, Real* features,
                 int64_t ld) {
   NERF_CHECK_LE(n, kChunkSamples);
   if (n <= 0) return;
   const int64_t padded = round_up(n, kLane);
-  alignas(64) float inverse_square[kChunkSamples], length[kChunkSamples], left[kChunkSamples];
-  constexpr float kLeast = 1e-12f;  // a spread of this is none
+  alignas(64) Real inverse_square[kChunkSamples], length[kChunkSamples], left[kChunkSamples];
+  constexpr Real kLeast = 1e-12_r;  // a spread of this is none
   for (int64_t i = 0; i < padded; ++i) {
-    const float s = std::max(spread[i], kLeast);
+    const Real s = std::max(spread[i], kLeast);
     inverse_square[i] = 1 / (s * s);
-    length[i] = 1 / (2 * std::numbers::pi_v<float> * level.scale * level.scale);
+    length[i] = 1 / (2 * std::numbers::pi_v<Real> * level.scale * level.scale);
   }
   opacity(n, inverse_square, length, left);
   for (int64_t i = 0; i < padded; ++i) left[i] = std::sqrt(left[i]);
@@ -166,11 +166,11 @@ void fade_level(const HashGridLevel& level, const float* spread, int64_t n, floa
     for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= left[i];
 }
 
-void encode(const GridField& field, const float* x, const float* y, const float* z,
-            const float* spread, int64_t n, float* features, int64_t ld) {
+void encode(const GridField& field, const Real* x, const Real* y, const Real* z, const Real* spread,
+            int64_t n, Real* features, int64_t ld) {
   for (size_t l = 0; l < field.shape.levels.size(); ++l) {
     const HashGridLevel& level = field.shape.levels[l];
-    float* to = features + static_cast<int64_t>(l) * level.features * ld;
+    Real* to = features + static_cast<int64_t>(l) * level.features * ld;
     hash_grid_forward(level, field.table.data() + level.begin(), x, y, z, n, to, ld);
     if (spread) fade_level(level, spread, n, to, ld);
   }

@@ -29,6 +29,7 @@ class JsonFields {
 
   const std::string& where() const { return where_; }
 
+  bool has(const char* key) const { return value_.contains(key); }
   const nlohmann::json& at(const char* key) const {
     const auto found = value_.find(key);
     if (found == value_.end()) fail("is missing", key);

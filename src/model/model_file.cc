@@ -1,6 +1,7 @@
 // docs/model_file.md describes the file.
 #include "model/model_file.h"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -47,10 +48,24 @@ NdcFrame ndc_from(const JsonFields& f) {
 
 // A table of half floats takes half the file, and costs less than 0.01 dB (tests/train measures
 // it).
-std::vector<uint16_t> to_half(std::span<const float> values) {
+std::vector<uint16_t> to_half(std::span<const Real> values) {
   std::vector<uint16_t> out(values.size());
-  for (size_t i = 0; i < out.size(); ++i) out[i] = float_to_half(values[i]);
+  for (size_t i = 0; i < out.size(); ++i) out[i] = float_to_half(static_cast<float>(values[i]));
   return out;
+}
+
+// Networks are stored in 32 bits, whatever the field computes in.
+std::vector<float> to_single(std::span<const Real> values) {
+  std::vector<float> out(values.size());
+  std::transform(values.begin(), values.end(), out.begin(),
+                 [](Real x) { return static_cast<float>(x); });
+  return out;
+}
+
+void read_networks(const ContainerReader& file, std::span<Real> weights) {
+  std::vector<float> stored(weights.size());
+  file.read("networks", std::span(stored));
+  std::copy(stored.begin(), stored.end(), weights.begin());
 }
 
 // What the options ask for is allocated only when the file has shown to hold as much.
@@ -68,7 +83,7 @@ RadianceField read_network(const ContainerReader& file, const JsonFields& header
         file.where());
   auto field = std::make_shared<NetworkField>(options, near, far);
   if (options.space == Space::kNdc) field->ndc = ndc_from(header.object("ndc"));
-  file.read("networks", field->weights.span());
+  read_networks(file, field->weights.span());
   return RadianceField(std::move(info), std::move(field));
 }
 
@@ -96,7 +111,7 @@ RadianceField read_model(const ContainerReader& file) {
   std::vector<uint16_t> half(entries);
   file.read("table", std::span(half));
   for (size_t i = 0; i < half.size(); ++i) field->table[i] = half_to_float(half[i]);
-  file.read("networks", field->weights.span());
+  read_networks(file, field->weights.span());
   std::vector<uint8_t> levels(field->occupancy.levels().size());
   file.read("occupancy", std::span(levels));
   field->occupancy.set_levels(levels);
@@ -127,7 +142,8 @@ void RadianceField::save(const std::filesystem::path& path) const {
     if (network_->options.space == Space::kNdc)
       header["ndc"] = internal::ndc_to_json(network_->ndc);
     internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));
-    file.add("networks", network_->weights.span());
+    const std::vector<float> weights = internal::to_single(network_->weights.span());
+    file.add("networks", std::span<const float>(weights));
     file.save(path, internal::kModelFormat);
     return;
   }
@@ -138,7 +154,8 @@ void RadianceField::save(const std::filesystem::path& path) const {
   internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));
   const std::vector<uint16_t> half = internal::to_half(grid_->table.span());
   file.add("table", std::span<const uint16_t>(half));
-  file.add("networks", grid_->weights.span());
+  const std::vector<float> weights = internal::to_single(grid_->weights.span());
+  file.add("networks", std::span<const float>(weights));
   file.add("occupancy", grid_->occupancy.levels(), internal::SectionEncoding::kZlib);
   file.save(path, internal::kModelFormat);
 }

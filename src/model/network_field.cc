@@ -64,9 +64,9 @@ void each_layer(Network& n, const F& f) {
     if (w->out > 0) f(*w);
 }
 
-void uniform_weights(const LinearWeights& w, Initialisation kind, Random random, float* weights) {
-  const float fan = static_cast<float>(kind == Initialisation::kHe ? w.in : w.in + w.out);
-  const float bound = std::sqrt(6.0f / fan);
+void uniform_weights(const LinearWeights& w, Initialisation kind, Random random, Real* weights) {
+  const Real fan = static_cast<Real>(kind == Initialisation::kHe ? w.in : w.in + w.out);
+  const Real bound = std::sqrt(6.0_r / fan);
   for (int j = 0; j < w.out; ++j)
     for (int k = 0; k < w.in; ++k)
       weights[w.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(w.in)) +
@@ -98,7 +98,7 @@ std::vector<Vec3> halved_icosahedron() {
   for (const Vec3d& v : all)
     if (std::ranges::none_of(kept, [&](const Vec3d& u) { return length(u + v) < 1e-6; })) {
       kept.push_back(v);
-      half.push_back(v.cast<float>());
+      half.push_back(v.cast<Real>());
     }
   return half;
 }
@@ -164,7 +164,7 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos)
 NetworkField::NetworkField(const NetworkOptions& o, double n, double f, int photos)
     : options(o), near(n), far(f), networks(place_networks(o, photos)) {
   simd_target();  // chosen, or found missing, before any kernel runs
-  weights = AlignedArray<float>(network_size() + codes().size());
+  weights = AlignedArray<Real>(network_size() + codes().size());
 }
 
 size_t NetworkField::parameters() const {
@@ -182,7 +182,7 @@ std::vector<LinearWeights> NetworkField::layers() const {
 
 void NetworkField::initialise(uint64_t seed) {
   constexpr uint64_t kNetworkStream = (uint64_t{1} << 63) + 1;  // as GridField's
-  std::fill(weights.begin(), weights.end(), 0.0f);
+  std::fill(weights.begin(), weights.end(), 0.0_r);
   uint64_t layer = 0;
   for (const RadianceNetwork& n : networks)
     each_layer(n, [&](const LinearWeights& w) {
@@ -196,7 +196,7 @@ void NetworkField::initialise(uint64_t seed) {
     for (int k = 0; k < c.in; ++k)
       weights[c.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(c.in)) +
               static_cast<size_t>(k)] =
-          std::sqrt(3.0f / static_cast<float>(c.in)) * (2 * random.uniform() - 1);
+          std::sqrt(3.0_r / static_cast<Real>(c.in)) * (2 * random.uniform() - 1);
 }
 
 NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int samples, int rays,
@@ -208,7 +208,7 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
   delta = tape.input(1, Domain::kSamples);
   background = tape.input(3, Domain::kRays);
 
-  const std::vector<float> open(static_cast<size_t>(o.position_degrees), 1.0f);
+  const std::vector<Real> open(static_cast<size_t>(o.position_degrees), 1.0_r);
   const Value code = o.integrated()
                          ? integrated_encoding(tape, position, variance, o.position_degrees)
                          : frequency_encoding(tape, position, open, /*identity=*/true);
@@ -234,7 +234,7 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
       (purpose == Purpose::kRender || (purpose == Purpose::kTrain && losses.colour))) {
     Value seen = h;
     if (o.view_dependence) {
-      const std::vector<float> all(static_cast<size_t>(o.direction_degrees), 1.0f);
+      const std::vector<Real> all(static_cast<size_t>(o.direction_degrees), 1.0_r);
       const Value view = frequency_encoding(tape, directions, all, /*identity=*/true);
       seen = linear(tape, h, n.bottleneck, LinearActivation::kNone);
       seen = concat(tape, seen, repeat_for_samples(tape, view));

@@ -79,12 +79,12 @@ uint64_t NetworkLevels::memory_bytes(const NetworkOptions& options, int rays, bo
     floats += arena(training ? NetworkTape::Purpose::kTrain : NetworkTape::Purpose::kRender);
     if (training && leaves_empty_samples(options)) floats += arena(NetworkTape::Purpose::kDensity);
   }
-  return floats * sizeof(float);
+  return floats * sizeof(Real);
 }
 
 bool NetworkLevels::can_skip() const { return training_ && leaves_empty_samples(field_.options); }
 
-void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool skip) {
+void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip) {
   rays_ = rays;
   dense_ = all_ = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {
@@ -93,7 +93,7 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool ski
     const size_t posts = static_cast<size_t>(sampler_.posts(at));
     for (size_t r = 0; r < rays.size(); ++r) {
       Random* random = training_ ? &rays[r].random : nullptr;
-      const std::span<float> out(level.posts.data() + r * posts, posts);
+      const std::span<Real> out(level.posts.data() + r * posts, posts);
       if (l == 0)
         sampler_.first(random, out);
       else
@@ -127,9 +127,9 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, float exponent, bool ski
 
 // In normalised distance. Positions have no posts: their bins begin at them, as their lengths do,
 // and the last ends at 1.
-void NetworkLevels::normalised_edges(int level, int ray, std::vector<float>& edges) const {
+void NetworkLevels::normalised_edges(int level, int ray, std::vector<Real>& edges) const {
   edges.clear();
-  for (const float entry : posts(level, ray)) edges.push_back(sampler_.normalised(entry));
+  for (const Real entry : posts(level, ray)) edges.push_back(sampler_.normalised(entry));
   if (!sampler_.intervals()) edges.push_back(1);
 }
 
@@ -138,24 +138,24 @@ double NetworkLevels::losses_on_weights(size_t l) {
   if (level.tape.weight_gradient < 0) return 0;
   const int at = static_cast<int>(l), final_level = levels() - 1;
   const size_t n = static_cast<size_t>(samples(at));
-  gradient_of_all_.assign(rays_.size() * n, 0.0f);
+  gradient_of_all_.assign(rays_.size() * n, 0.0_r);
   double loss = 0;
   for (size_t r = 0; r < rays_.size(); ++r) {
     const int ray = static_cast<int>(r);
-    const std::span<float> out(gradient_of_all_.data() + r * n, n);
+    const std::span<Real> out(gradient_of_all_.data() + r * n, n);
     normalised_edges(at, ray, edges_);
     // A ray's scale is that of a mean over rays and three channels.
-    const float per_ray = 3 * rays_[r].scale;
+    const Real per_ray = 3 * rays_[r].scale;
     if (at == final_level) {
       loss += distortion_loss(edges_, weights(at, ray), losses_.distortion * per_ray, out);
     } else {
       normalised_edges(final_level, ray, final_edges_);
-      const float share = 1 / static_cast<float>(samples(final_level));
+      const Real share = 1 / static_cast<Real>(samples(final_level));
       loss += interlevel_loss(final_edges_, weights(final_level, ray), edges_, weights(at, ray),
                               losses_.interlevel * per_ray * share, out);
     }
   }
-  float* gradient = level.chunk.data(level.tape.weight_gradient);
+  Real* gradient = level.chunk.data(level.tape.weight_gradient);
   if (level.skipped)  // those without density get none
     for (size_t i = 0; i < level.kept.size(); ++i)
       gradient[i] = gradient_of_all_[static_cast<size_t>(level.kept[i])];
@@ -164,7 +164,7 @@ double NetworkLevels::losses_on_weights(size_t l) {
   return loss;
 }
 
-double NetworkLevels::backward(float* weight_gradient) {
+double NetworkLevels::backward(Real* weight_gradient) {
   NERF_CHECK(training_);
   double loss = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {
@@ -177,29 +177,29 @@ double NetworkLevels::backward(float* weight_gradient) {
   return loss;
 }
 
-void NetworkLevels::pixel(int ray, float rgb[3], float& opacity) const {
+void NetworkLevels::pixel(int ray, Real rgb[3], Real& opacity) const {
   const Level& last = *levels_.back();
   const int64_t lr = last.chunk.stride(last.tape.pixel);
-  const float* pixel = last.chunk.data(last.tape.pixel) + ray;
+  const Real* pixel = last.chunk.data(last.tape.pixel) + ray;
   for (int k = 0; k < 3; ++k) rgb[k] = pixel[k * lr];
   opacity = pixel[3 * lr];
 }
 
-std::span<const float> NetworkLevels::weights(int level, int ray) const {
+std::span<const Real> NetworkLevels::weights(int level, int ray) const {
   const Level& l = *levels_[static_cast<size_t>(level)];
   const size_t n = static_cast<size_t>(samples(level));
-  const float* all = l.chunk.data(l.tape.weights);
+  const Real* all = l.chunk.data(l.tape.weights);
   if (l.skipped)
     all = training_ ? std::as_const(*l.probe_chunk).data(l.probe->weights) : l.all_weights.data();
   return {all + static_cast<size_t>(ray) * n, n};
 }
 
-std::span<const float> NetworkLevels::posts(int level, int ray) const {
+std::span<const Real> NetworkLevels::posts(int level, int ray) const {
   const size_t n = static_cast<size_t>(sampler_.posts(level));
   return {levels_[static_cast<size_t>(level)]->posts.data() + static_cast<size_t>(ray) * n, n};
 }
 
-float NetworkLevels::median_distance(int ray) const {
+Real NetworkLevels::median_distance(int ray) const {
   const int last = levels() - 1;
   const auto w = weights(last, ray);
   const auto entries = posts(last, ray);
@@ -208,9 +208,9 @@ float NetworkLevels::median_distance(int ray) const {
     const double before = sum;
     sum += static_cast<double>(w[i]);
     if (sum < 0.5) continue;
-    const float t0 = sampler_.distance(entries[i]);
+    const Real t0 = sampler_.distance(entries[i]);
     if (!sampler_.intervals()) return t0;
-    const float share = static_cast<float>((0.5 - before) / static_cast<double>(w[i]));
+    const Real share = static_cast<Real>((0.5 - before) / static_cast<double>(w[i]));
     return t0 + share * (sampler_.distance(entries[i + 1]) - t0);
   }
   return -1;

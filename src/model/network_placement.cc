@@ -14,9 +14,9 @@ namespace nerf {
 namespace {
 
 // Two independent normal numbers would come of two draws (Box and Muller); one is enough here.
-float normal(Random& random) {
-  const float u = 1 - random.uniform(), v = random.uniform();  // u in (0, 1]
-  return std::sqrt(-2 * std::log(u)) * std::cos(6.28318531f * v);
+Real normal(Random& random) {
+  const Real u = 1 - random.uniform(), v = random.uniform();  // u in (0, 1]
+  return std::sqrt(-2 * std::log(u)) * std::cos(6.28318531_r * v);
 }
 
 }  // namespace
@@ -26,12 +26,12 @@ void NetworkLevels::each_sample(const Level& level, int samples, const Body& bod
   const bool intervals = sampler_.intervals();
   const size_t posts = static_cast<size_t>(samples) + (intervals ? 1 : 0);
   for (size_t r = 0; r < rays_.size(); ++r) {
-    const float* entry = level.posts.data() + r * posts;
-    float t0 = sampler_.distance(entry[0]);
+    const Real* entry = level.posts.data() + r * posts;
+    Real t0 = sampler_.distance(entry[0]);
     for (int i = 0; i < samples; ++i) {
       const bool endless = !intervals && i + 1 == samples;
-      const float next = endless ? t0 : sampler_.distance(entry[i + 1]);
-      const float delta = endless ? kLongestInterval : (next - t0) * rays_[r].length;
+      const Real next = endless ? t0 : sampler_.distance(entry[i + 1]);
+      const Real delta = endless ? kLongestInterval : (next - t0) * rays_[r].length;
       const int ray = static_cast<int>(r);
       body(Sample{ray, ray * samples + i, t0, intervals ? next : t0, delta});
       t0 = next;
@@ -46,7 +46,7 @@ void NetworkLevels::place_sample(const NetworkRay& ray, const Sample& sample, in
                                  const NetworkTape& tape, Chunk& chunk) const {
   const NetworkOptions& o = field_.options;
   chunk.data(tape.delta)[column] = sample.delta;
-  RayGaussian<float> g{0.5f * (sample.t0 + sample.t1), 0, 0};
+  RayGaussian<Real> g{0.5_r * (sample.t0 + sample.t1), 0, 0};
   if (o.cast == Cast::kCone)
     g = o.space == Space::kNdc ? cylinder_gaussian(sample.t0, sample.t1, ray.radius)
                                : cone_gaussian(sample.t0, sample.t1, ray.radius);
@@ -54,18 +54,17 @@ void NetworkLevels::place_sample(const NetworkRay& ray, const Sample& sample, in
   const bool warped = o.space == Space::kContract;
   const Vec3 at = warped ? contract(mean) : mean;
   const int64_t ld = chunk.stride(tape.position);
-  float* position = chunk.data(tape.position) + column;
+  Real* position = chunk.data(tape.position) + column;
   if (!o.integrated()) {
     for (int k = 0; k < 3; ++k) position[k * ld] = at[k];
     return;
   }
-  float* variance = chunk.data(tape.variance) + column;
-  const auto jacobian =
-      warped ? contraction_jacobian(mean) : ContractionJacobian<float>{1, 0, mean};
+  Real* variance = chunk.data(tape.variance) + column;
+  const auto jacobian = warped ? contraction_jacobian(mean) : ContractionJacobian<Real>{1, 0, mean};
   for (size_t k = 0; k < axes_.size(); ++k) {
     const Vec3 q = jacobian(axes_[k]);
-    const float along = dot(ray.direction, q);
-    const float across = std::max(0.0f, dot(q, q) - along * along / (ray.length * ray.length));
+    const Real along = dot(ray.direction, q);
+    const Real across = std::max(0.0_r, dot(q, q) - along * along / (ray.length * ray.length));
     position[static_cast<int64_t>(k) * ld] = dot(axes_[k], at);
     variance[static_cast<int64_t>(k) * ld] = g.t_variance * along * along + g.r_variance * across;
   }
@@ -83,10 +82,10 @@ void NetworkLevels::place_rays(Level& level) {
       c.data(tape.directions)[k * lr + r] = ray.view[k];
       c.data(tape.background)[k * lr + r] = ray.background[k];
     }
-    if (tape.photo >= 0) c.data(tape.photo)[r] = static_cast<float>(ray.photo);
+    if (tape.photo >= 0) c.data(tape.photo)[r] = static_cast<Real>(ray.photo);
     if (!training_ || tape.pixel < 0) continue;
     for (int k = 0; k < 3; ++k) c.data(tape.target)[k * lr + r] = ray.target[k];
-    c.data(tape.scale)[r] = ray.scale * (last ? 1.0f : losses_.coarse);
+    c.data(tape.scale)[r] = ray.scale * (last ? 1.0_r : losses_.coarse);
   }
 }
 
@@ -103,8 +102,8 @@ void NetworkLevels::place_samples(const Level& level, int samples, const Network
 }
 
 void NetworkLevels::count_dense(const NetworkTape& tape, const Chunk& c) {
-  const float* density = c.data(tape.density);
-  dense_ += std::count_if(density, density + c.samples, [](float d) { return d > 0; });
+  const Real* density = c.data(tape.density);
+  dense_ += std::count_if(density, density + c.samples, [](Real d) { return d > 0; });
   all_ += c.samples;
 }
 
@@ -114,7 +113,7 @@ void NetworkLevels::keep_dense(Level& level) {
   const Chunk& all = *level.probe_chunk;
   const NetworkTape& to = level.tape;
   Chunk& c = level.chunk;
-  const float* density = all.data(from.density);
+  const Real* density = all.data(from.density);
   level.kept.clear();
   level.dense_begin.assign(1, 0);
   for (int r = 0; r < all.rays; ++r) {
@@ -128,8 +127,8 @@ void NetworkLevels::keep_dense(Level& level) {
   const auto move_rows = [&](Value a, Value b) {
     if (a < 0) return;
     for (int row = 0; row < from.tape.rows(a); ++row) {
-      const float* x = all.data(a) + row * all.stride(a);
-      float* y = c.data(b) + row * c.stride(b);
+      const Real* x = all.data(a) + row * all.stride(a);
+      Real* y = c.data(b) + row * c.stride(b);
       for (size_t i = 0; i < level.kept.size(); ++i) y[i] = x[level.kept[i]];
     }
   };
@@ -148,7 +147,7 @@ void NetworkLevels::place_occupied(Level& level, int samples) {
   level.dense_begin.assign(rays_.size() + 1, 0);
   each_sample(level, samples, [&](const Sample& s) {
     const NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
-    const Vec3 p = ray.origin + ray.direction * (0.5f * (s.t0 + s.t1));
+    const Vec3 p = ray.origin + ray.direction * (0.5_r * (s.t0 + s.t1));
     const bool end = field_.options.opaque_end && (s.column + 1) % samples == 0;
     if (end || occupancy_->may_hold(warped ? contract(p) : p, is_last)) {
       place_sample(ray, s, static_cast<int>(level.kept.size()), level.tape, c);
@@ -161,8 +160,8 @@ void NetworkLevels::place_occupied(Level& level, int samples) {
 }
 
 void NetworkLevels::spread_weights(Level& level, int samples) {
-  level.all_weights.assign(rays_.size() * static_cast<size_t>(samples), 0.0f);
-  const float* w = std::as_const(level.chunk).data(level.tape.weights);
+  level.all_weights.assign(rays_.size() * static_cast<size_t>(samples), 0.0_r);
+  const Real* w = std::as_const(level.chunk).data(level.tape.weights);
   for (size_t i = 0; i < level.kept.size(); ++i)
     level.all_weights[static_cast<size_t>(level.kept[i])] = w[i];
   dense_ += static_cast<int64_t>(level.kept.size());

@@ -28,22 +28,22 @@ std::optional<NetworkRay> cast_ray(const NetworkField& field, const Camera& came
   const auto d = world_direction(camera, pose, pixel);
   if (!d) return std::nullopt;
   NetworkRay ray;
-  ray.view = d->cast<float>();
+  ray.view = d->cast<Real>();
   if (field.options.space != Space::kNdc) {
-    ray.origin = pose.translation.cast<float>();
+    ray.origin = pose.translation.cast<Real>();
     ray.direction = ray.view;
-    ray.radius = static_cast<float>(pixel_cone_radius(camera, pixel));
+    ray.radius = static_cast<Real>(pixel_cone_radius(camera, pixel));
     return ray;
   }
   const auto ndc = to_ndc(field.ndc, pose.translation, *d);
   if (!ndc) return std::nullopt;
-  ray.origin = ndc->origin.cast<float>();
-  ray.direction = ndc->direction.cast<float>();
+  ray.origin = ndc->origin.cast<Real>();
+  ray.direction = ndc->direction.cast<Real>();
   ray.length = length(ray.direction);
   const auto right = ndc_origin(field.ndc, camera, pose, {pixel.x + 1, pixel.y});
   const auto below = ndc_origin(field.ndc, camera, pose, {pixel.x, pixel.y + 1});
   if (right && below)
-    ray.radius = static_cast<float>(
+    ray.radius = static_cast<Real>(
         0.5 * (length(*right - ndc->origin) + length(*below - ndc->origin)) * 2 / std::sqrt(12.0));
   return ray;
 }

@@ -29,9 +29,9 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
   const Pose pose = info.to_engine.apply(camera_to_world);
   const Vec3 background = background_of(info, options);
   const int64_t pixels = int64_t{camera.width} * camera.height;
-  Frame frame{camera.width, camera.height, std::vector<float>(static_cast<size_t>(3 * pixels)),
-              std::vector<float>(static_cast<size_t>(pixels)),
-              std::vector<float>(static_cast<size_t>(pixels))};
+  Frame frame{camera.width, camera.height, std::vector<Real>(static_cast<size_t>(3 * pixels)),
+              std::vector<Real>(static_cast<size_t>(pixels)),
+              std::vector<Real>(static_cast<size_t>(pixels))};
   AlignedArray<uint16_t> packed;
   if (resolve_precision(options.precision) == Precision::kBf16)
     pack_layers(field.layers(), field.weights.data(), packed, pool);
@@ -81,11 +81,11 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
         const size_t p = static_cast<size_t>(pixel_of[r]);
         own->pixel(static_cast<int>(r), &frame.rgb[3 * p], frame.alpha[p]);
         for (size_t k = 0; k < 3; ++k)
-          frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0f, 1.0f);
+          frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0_r, 1.0_r);
         const double t = static_cast<double>(own->median_distance(static_cast<int>(r)));
         const double distance = t < 0 ? 0 : ray_distance(field, pose, rays[r], t);
         const double depth = distance * forward[r] / info.to_engine.scale;
-        frame.depth_z[p] = std::isfinite(depth) ? static_cast<float>(depth) : 0.0f;
+        frame.depth_z[p] = std::isfinite(depth) ? static_cast<Real>(depth) : 0.0_r;
       }
     }
     std::lock_guard lock(mutex);
@@ -101,7 +101,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
 
 void query_network(const NetworkField& field, const Similarity& to_engine,
                    std::span<const Vec3d> points, std::span<const Vec3d> directions,
-                   std::span<float> density, std::span<float> rgb, ThreadPool& pool) {
+                   std::span<Real> density, std::span<Real> rgb, ThreadPool& pool) {
   const NetworkOptions& o = field.options;
   const int last = o.sampling.levels() - 1;
   constexpr int block = 256;  // points of a network call, each on a ray of its own
@@ -129,11 +129,11 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
       const size_t at = static_cast<size_t>(begin + i);
       ray_begin[static_cast<size_t>(i)] = i;
       const Vec3d in_engine = to_engine.apply(points[at]);
-      Vec3 p = in_engine.cast<float>();
+      Vec3 p = in_engine.cast<Real>();
       if (o.space == Space::kContract) p = contract(p);
       if (o.space == Space::kNdc)
-        p = point_to_ndc(field.ndc, in_engine).value_or(Vec3d{0, 0, -1}).cast<float>();
-      const Vec3 d = (to_engine.rotation * normalized(directions[at])).cast<float>();
+        p = point_to_ndc(field.ndc, in_engine).value_or(Vec3d{0, 0, -1}).cast<Real>();
+      const Vec3 d = (to_engine.rotation * normalized(directions[at])).cast<Real>();
       for (int k = 0; k < 3; ++k) c.data(own->tape.directions)[k * lr + i] = d[k];
       for (int k = 0; k < position_rows(o); ++k) {
         c.data(own->tape.position)[k * ld + i] =
@@ -148,14 +148,14 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
     c.samples = c.rays = count;
     c.ray_begin = ray_begin.data();
     own->tape.forward(c);
-    const float* sigma = c.data(own->tape.density);
-    const float* colour = c.data(own->tape.colour);
+    const Real* sigma = c.data(own->tape.density);
+    const Real* colour = c.data(own->tape.colour);
     const int64_t lc = c.stride(own->tape.colour);
     for (int i = 0; i < count; ++i) {
       const size_t to = static_cast<size_t>(begin + i);
-      density[to] = static_cast<float>(static_cast<double>(sigma[i]) * to_engine.scale);
+      density[to] = static_cast<Real>(static_cast<double>(sigma[i]) * to_engine.scale);
       for (int64_t k = 0; k < 3; ++k)
-        rgb[3 * to + static_cast<size_t>(k)] = std::clamp(colour[k * lc + i], 0.0f, 1.0f);
+        rgb[3 * to + static_cast<size_t>(k)] = std::clamp(colour[k * lc + i], 0.0_r, 1.0_r);
     }
   });
 }

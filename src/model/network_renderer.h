@@ -22,6 +22,6 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
 
 void query_network(const NetworkField& field, const Similarity& to_engine,
                    std::span<const Vec3d> points, std::span<const Vec3d> directions,
-                   std::span<float> density, std::span<float> rgb, ThreadPool& pool);
+                   std::span<Real> density, std::span<Real> rgb, ThreadPool& pool);
 
 }  // namespace nerf::internal

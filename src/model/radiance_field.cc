@@ -30,7 +30,7 @@ bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel
 }
 
 void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
-                          std::span<float> density, std::span<float> rgb, ThreadPool& pool) const {
+                          std::span<Real> density, std::span<Real> rgb, ThreadPool& pool) const {
   const int64_t n = static_cast<int64_t>(points.size());
   NERF_CHECK_EQ(directions.size(), points.size());
   NERF_CHECK_EQ(density.size(), points.size());
@@ -45,27 +45,27 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
     auto& chunk = chunks[static_cast<size_t>(thread)];
     if (!chunk) chunk = std::make_unique<Chunk>(tape.tape);
     chunk->weights = grid_->weights.data();
-    alignas(64) float x[kBlock], y[kBlock], z[kBlock];
+    alignas(64) Real x[kBlock], y[kBlock], z[kBlock];
     int32_t ray_begin[kBlock + 1];
     bool inside[kBlock];
     const int64_t begin = block * kBlock;
     const int count = static_cast<int>(std::min(kBlock, n - begin));
-    float* direction = chunk->data(tape.directions);
+    Real* direction = chunk->data(tape.directions);
     for (int i = 0; i < kBlock; ++i) {
-      x[i] = y[i] = z[i] = 0.5f;
+      x[i] = y[i] = z[i] = 0.5_r;
       if (i >= count) continue;
       const Vec3d p = info_.to_engine.apply(points[static_cast<size_t>(begin + i)]);
       inside[i] = true;
       for (int k = 0; k < 3; ++k)
         inside[i] &= p[k] >= grid_->clip.min[k] && p[k] <= grid_->clip.max[k];
-      inside[i] = inside[i] && grid_->occupancy.occupied(p.cast<float>());
+      inside[i] = inside[i] && grid_->occupancy.occupied(p.cast<Real>());
       const Vec3d d =
           info_.to_engine.rotation * normalized(directions[static_cast<size_t>(begin + i)]);
-      const Vec3 g = grid_->grid_position(p.cast<float>());
+      const Vec3 g = grid_->grid_position(p.cast<Real>());
       x[i] = g.x;
       y[i] = g.y;
       z[i] = g.z;
-      for (int k = 0; k < 3; ++k) direction[k * kChunkRays + i] = static_cast<float>(d[k]);
+      for (int k = 0; k < 3; ++k) direction[k * kChunkRays + i] = static_cast<Real>(d[k]);
       ray_begin[i] = i;
     }
     ray_begin[count] = count;
@@ -74,11 +74,11 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
     encode(*grid_, x, y, z, nullptr, count, chunk->data(tape.features),
            chunk->stride(tape.features));
     tape.forward_field(*chunk);
-    const float* sigma = chunk->data(tape.density);
-    const float* colour = chunk->data(tape.colour);
+    const Real* sigma = chunk->data(tape.density);
+    const Real* colour = chunk->data(tape.colour);
     for (int i = 0; i < count; ++i) {
       const size_t to = static_cast<size_t>(begin + i);
-      density[to] = inside[i] ? static_cast<float>(sigma[i] * info_.to_engine.scale) : 0.0f;
+      density[to] = inside[i] ? static_cast<Real>(sigma[i] * info_.to_engine.scale) : 0.0_r;
       for (size_t k = 0; k < 3; ++k)
         rgb[3 * to + k] = colour[k * kChunkSamples + static_cast<size_t>(i)];
     }

@@ -19,11 +19,11 @@ namespace {
 struct PixelState {
   int pixel = 0;
   double transmittance = 1;  // a product of many 1 - alpha; in float thin matter loses its opacity
-  float unshaded = 0;        // weight of the samples left without colour
-  float median = -1;         // distance at which half of the light is stopped
+  Real unshaded = 0;         // weight of the samples left without colour
+  Real median = -1;          // distance at which half of the light is stopped
   double start = 0;          // of the march, from the camera
-  float forward = 1;         // cosine between ray and optical axis
-  float radius = 0;          // of the pixel's cone at distance 1; GridOptions::antialias
+  Real forward = 1;          // cosine between ray and optical axis
+  Real radius = 0;           // of the pixel's cone at distance 1; GridOptions::antialias
 };
 
 // The box of the options: its axes are the input's, its unit and origin the engine's.
@@ -74,9 +74,9 @@ class TileRenderer {
     shade();
     // Sums of many colours may end a few roundings above the brightest.
     for (int y = y0; y < y1; ++y) {
-      float* row = frame.rgb.data() + 3 * static_cast<size_t>(y) * static_cast<size_t>(frame.width);
+      Real* row = frame.rgb.data() + 3 * static_cast<size_t>(y) * static_cast<size_t>(frame.width);
       for (int i = 3 * x0; i < 3 * x1; ++i)
-        row[i] = std::min(row[i], std::max(1.0f, options_.background[i % 3]));
+        row[i] = std::min(row[i], std::max(1.0_r, options_.background[i % 3]));
     }
   }
 
@@ -88,7 +88,7 @@ class TileRenderer {
     s.min_transmittance = std::min(s.min_transmittance, options.min_transmittance);
     s.samples_per_cell *= options.sample_factor;
     s.max_samples = static_cast<int>(
-        std::min(static_cast<float>(s.max_samples) * options.sample_factor, float{kChunkSamples}));
+        std::min(static_cast<Real>(s.max_samples) * options.sample_factor, Real{kChunkSamples}));
     return s;
   }
 
@@ -126,10 +126,10 @@ class TileRenderer {
       return;
     }
     state.start = sampler_.start();
-    state.forward = static_cast<float>(in_camera.z);
+    state.forward = static_cast<Real>(in_camera.z);
     if (field_.options.antialias)
-      state.radius = static_cast<float>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
-    const Vec3 d = ray.direction.cast<float>();
+      state.radius = static_cast<Real>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
+    const Vec3 d = ray.direction.cast<Real>();
     for (int from = 0; from < count;) {
       if (samples_used_ == kChunkSamples || rays_ == kChunkRays) flush();
       const int take = std::min(count - from, kChunkSamples - samples_used_);
@@ -147,13 +147,13 @@ class TileRenderer {
     }
   }
 
-  float spread_of(const Vec3& p, float t, const PixelState& state) const {
-    return cone_spread(state.radius, static_cast<float>(state.start) + t, field_.grid_scale(p));
+  Real spread_of(const Vec3& p, Real t, const PixelState& state) const {
+    return cone_spread(state.radius, static_cast<Real>(state.start) + t, field_.grid_scale(p));
   }
 
   void add_part(const PixelState& state, const Vec3& d, int from, int take, bool last) {
     constexpr int64_t lr = kChunkRays;
-    float* delta = chunk_.data(tape_.delta);
+    Real* delta = chunk_.data(tape_.delta);
     for (int i = 0; i < take; ++i) {
       const size_t s = static_cast<size_t>(from + i);
       const Vec3 p = sampler_.entry() + d * samples_.t[s];
@@ -166,7 +166,7 @@ class TileRenderer {
       t_[at] = samples_.t[s];
       delta[at] = samples_.delta[s];
     }
-    float* directions = chunk_.data(tape_.directions);
+    Real* directions = chunk_.data(tape_.directions);
     for (int k = 0; k < 3; ++k) directions[k * lr + rays_] = d[k];
     ray_begin_[static_cast<size_t>(rays_)] = samples_used_;
     states_[static_cast<size_t>(rays_)] = state;
@@ -179,9 +179,9 @@ class TileRenderer {
   void flush() {
     if (rays_ == 0) return;
     const int64_t padded = round_up(samples_used_, kLane);
-    float* delta = chunk_.data(tape_.delta);
+    Real* delta = chunk_.data(tape_.delta);
     for (int64_t i = samples_used_; i < padded; ++i) {
-      x_[static_cast<size_t>(i)] = y_[static_cast<size_t>(i)] = z_[static_cast<size_t>(i)] = 0.5f;
+      x_[static_cast<size_t>(i)] = y_[static_cast<size_t>(i)] = z_[static_cast<size_t>(i)] = 0.5_r;
       delta[i] = 0;
     }
     chunk_.samples = samples_used_;
@@ -191,14 +191,14 @@ class TileRenderer {
            field_.options.antialias ? spread_.data() : nullptr, samples_used_,
            chunk_.data(tape_.features), chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
-    const float* density = chunk_.data(tape_.density);
+    const Real* density = chunk_.data(tape_.density);
     statistics_.density_evaluations += samples_used_;
     for (int r = 0; r < rays_; ++r) {
       PixelState& state = states_[static_cast<size_t>(r)];
       for (int i = ray_begin_[static_cast<size_t>(r)]; i < ray_begin_[static_cast<size_t>(r) + 1];
            ++i) {
         const double alpha = -std::expm1(-density[i] * delta[i]);
-        const float w = static_cast<float>(state.transmittance * alpha);
+        const Real w = static_cast<Real>(state.transmittance * alpha);
         if (state.unshaded + w <= options_.unshaded)
           state.unshaded += w;
         else
@@ -216,7 +216,7 @@ class TileRenderer {
   }
 
   // Sample i of ray r waits for the colour network with others that matter.
-  void add_shaded(int pixel, int r, int i, float weight) {
+  void add_shaded(int pixel, int r, int i, Real weight) {
     if (shaded_ == kChunkSamples) shade();
     const bool same_ray =
         shaded_rays_ > 0 && shaded_pixel_[static_cast<size_t>(shaded_ - 1)] == pixel;
@@ -226,8 +226,8 @@ class TileRenderer {
             chunk_.data(tape_.directions)[k * kChunkRays + r];
       shaded_begin_[static_cast<size_t>(shaded_rays_++)] = shaded_;
     }
-    const float* from = chunk_.data(tape_.geometry) + i;
-    float* to = shading_.data(tape_.geometry) + shaded_;
+    const Real* from = chunk_.data(tape_.geometry) + i;
+    Real* to = shading_.data(tape_.geometry) + shaded_;
     for (int f = 0; f < field_.options.geometry_features; ++f)
       to[int64_t{f} * kChunkSamples] = from[int64_t{f} * kChunkSamples];
     shaded_pixel_[static_cast<size_t>(shaded_)] = pixel;
@@ -243,7 +243,7 @@ class TileRenderer {
     shading_.rays = shaded_rays_;
     shading_.ray_begin = shaded_begin_.data();
     tape_.forward_colour(shading_);
-    const float* colour = shading_.data(tape_.colour);
+    const Real* colour = shading_.data(tape_.colour);
     for (int i = 0; i < shaded_; ++i) {
       const size_t p = static_cast<size_t>(shaded_pixel_[static_cast<size_t>(i)]);
       for (size_t k = 0; k < 3; ++k)
@@ -257,10 +257,10 @@ class TileRenderer {
     const size_t p = static_cast<size_t>(s.pixel);
     for (int k = 0; k < 3; ++k)
       frame_->rgb[3 * p + static_cast<size_t>(k)] +=
-          static_cast<float>(s.transmittance * options_.background[k]);
-    frame_->alpha[p] = static_cast<float>(1 - s.transmittance);
+          static_cast<Real>(s.transmittance * options_.background[k]);
+    frame_->alpha[p] = static_cast<Real>(1 - s.transmittance);
     frame_->depth_z[p] =
-        s.median < 0 ? 0.0f : static_cast<float>((s.start + s.median) * s.forward * unit_);
+        s.median < 0 ? 0.0_r : static_cast<Real>((s.start + s.median) * s.forward * unit_);
   }
 
   const GridField& field_;
@@ -273,16 +273,16 @@ class TileRenderer {
   Chunk chunk_, shading_;
   RaySampler sampler_;
   RaySamples samples_;
-  AlignedArray<float> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
-  AlignedArray<float> spread_{kChunkSamples};
-  std::vector<float> t_;
+  AlignedArray<Real> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
+  AlignedArray<Real> spread_{kChunkSamples};
+  std::vector<Real> t_;
   std::vector<int32_t> ray_begin_;
   PixelState states_[kChunkRays], carried_;
   bool last_[kChunkRays];
   int rays_ = 0, samples_used_ = 0;
   std::vector<int32_t> shaded_begin_;
   int shaded_pixel_[kChunkSamples];
-  float shaded_weight_[kChunkSamples];
+  Real shaded_weight_[kChunkSamples];
   int shaded_ = 0, shaded_rays_ = 0;
   Frame* frame_ = nullptr;
   double unit_ = 1;
@@ -296,8 +296,8 @@ Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& c
   const Pose pose = info.to_engine.apply(camera_to_world);
   const auto box = oblique_box(info.to_engine, options.bbox);
   const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
-  Frame frame{camera.width, camera.height, std::vector<float>(3 * pixels),
-              std::vector<float>(pixels), std::vector<float>(pixels)};
+  Frame frame{camera.width, camera.height, std::vector<Real>(3 * pixels), std::vector<Real>(pixels),
+              std::vector<Real>(pixels)};
 
   AlignedArray<uint16_t> packed;
   if (resolve_precision(options.precision) == Precision::kBf16)

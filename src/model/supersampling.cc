@@ -16,11 +16,11 @@ constexpr int64_t kBandPixels = int64_t{1} << 22;
 
 // Appends the pixels of n x n of `from` each.
 void append_reduced(const Frame& from, int n, Frame& out) {
-  const float share = 1.0f / static_cast<float>(n * n);
-  std::vector<float> depths;
+  const Real share = 1.0_r / static_cast<Real>(n * n);
+  std::vector<Real> depths;
   for (int y = 0; y < from.height / n; ++y)
     for (int x = 0; x < from.width / n; ++x) {
-      float rgb[3] = {0, 0, 0}, alpha = 0;
+      Real rgb[3] = {0, 0, 0}, alpha = 0;
       depths.clear();
       for (int i = 0; i < n * n; ++i) {
         const size_t at = static_cast<size_t>(y * n + i / n) * static_cast<size_t>(from.width) +
@@ -29,11 +29,11 @@ void append_reduced(const Frame& from, int n, Frame& out) {
         alpha += from.alpha[at];
         if (from.depth_z[at] > 0) depths.push_back(from.depth_z[at]);
       }
-      for (const float c : rgb) out.rgb.push_back(c * share);
+      for (const Real c : rgb) out.rgb.push_back(c * share);
       out.alpha.push_back(alpha * share);
       const auto middle = depths.begin() + static_cast<ptrdiff_t>(depths.size() / 2);
       if (!depths.empty()) std::nth_element(depths.begin(), middle, depths.end());
-      out.depth_z.push_back(2 * static_cast<int>(depths.size()) > n * n ? *middle : 0.0f);
+      out.depth_z.push_back(2 * static_cast<int>(depths.size()) > n * n ? *middle : 0.0_r);
     }
   out.statistics += from.statistics;
 }

@@ -11,8 +11,8 @@ namespace {
 
 // middle(i) and width(i) of the i-th interval.
 template <class Middle, class Width>
-double distortion(const Middle& middle, const Width& width, std::span<const float> weights,
-                  float scale, std::span<float> d_weights) {
+double distortion(const Middle& middle, const Width& width, std::span<const Real> weights,
+                  Real scale, std::span<Real> d_weights) {
   double all = 0, all_moment = 0;
   for (size_t i = 0; i < weights.size(); ++i) {
     all += static_cast<double>(weights[i]);
@@ -25,7 +25,7 @@ double distortion(const Middle& middle, const Width& width, std::span<const floa
     loss += 2 * w * (m * before - moment_before) + w * w * across / 3;
     const double slope =
         2 * (m * (before - behind) - (moment_before - moment_behind)) + 2 * w * across / 3;
-    d_weights[i] += scale * static_cast<float>(slope);
+    d_weights[i] += scale * static_cast<Real>(slope);
     before += w;
     moment_before += w * m;
   }
@@ -34,8 +34,8 @@ double distortion(const Middle& middle, const Width& width, std::span<const floa
 
 }  // namespace
 
-double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
-                       std::span<float> d_weights) {
+double distortion_loss(std::span<const Real> edges, std::span<const Real> weights, Real scale,
+                       std::span<Real> d_weights) {
   NERF_CHECK_EQ(edges.size(), weights.size() + 1);
   NERF_CHECK_EQ(d_weights.size(), weights.size());
   const auto edge = [&](size_t i) { return static_cast<double>(edges[i]); };
@@ -43,8 +43,8 @@ double distortion_loss(std::span<const float> edges, std::span<const float> weig
                     [&](size_t i) { return edge(i + 1) - edge(i); }, weights, scale, d_weights);
 }
 
-double distortion_loss(std::span<const float> middles, std::span<const float> widths,
-                       std::span<const float> weights, float scale, std::span<float> d_weights) {
+double distortion_loss(std::span<const Real> middles, std::span<const Real> widths,
+                       std::span<const Real> weights, Real scale, std::span<Real> d_weights) {
   NERF_CHECK_EQ(middles.size(), weights.size());
   NERF_CHECK_EQ(widths.size(), weights.size());
   NERF_CHECK_EQ(d_weights.size(), weights.size());
@@ -53,10 +53,9 @@ double distortion_loss(std::span<const float> middles, std::span<const float> wi
                     d_weights);
 }
 
-double interlevel_loss(std::span<const float> edges, std::span<const float> weights,
-                       std::span<const float> proposal_edges,
-                       std::span<const float> proposal_weights, float scale,
-                       std::span<float> d_proposal) {
+double interlevel_loss(std::span<const Real> edges, std::span<const Real> weights,
+                       std::span<const Real> proposal_edges, std::span<const Real> proposal_weights,
+                       Real scale, std::span<Real> d_proposal) {
   NERF_CHECK_EQ(edges.size(), weights.size() + 1);
   NERF_CHECK_EQ(proposal_edges.size(), proposal_weights.size() + 1);
   NERF_CHECK_EQ(d_proposal.size(), proposal_weights.size());
@@ -74,7 +73,7 @@ double interlevel_loss(std::span<const float> edges, std::span<const float> weig
     if (!(bound < w)) continue;
     const double over = (w - bound) / (w + static_cast<double>(kInterlevelEpsilon));
     loss += over * (w - bound);
-    const float slope = -2 * scale * static_cast<float>(over);
+    const Real slope = -2 * scale * static_cast<Real>(over);
     for (size_t j = first; j < last; ++j) d_proposal[j] += slope;
   }
   return static_cast<double>(scale) * loss;

@@ -8,10 +8,10 @@
 namespace nerf {
 
 namespace {
-constexpr float kUnknown = 0.02f;  // before anything was seen: occupied, and everywhere alike
-constexpr float kShare = 0.15f;    // of a cell's memory that one point replaces
-constexpr float kSolid = 0.1f;     // opacity from which a cell keeps its neighbours switched on
-constexpr float kMostOpaque = 0.9999f;  // keeps the thickness of a cell finite
+constexpr Real kUnknown = 0.02_r;  // before anything was seen: occupied, and everywhere alike
+constexpr Real kShare = 0.15_r;    // of a cell's memory that one point replaces
+constexpr Real kSolid = 0.1_r;     // opacity from which a cell keeps its neighbours switched on
+constexpr Real kMostOpaque = 0.9999_r;  // keeps the thickness of a cell finite
 
 int64_t brick_major(int x, int y, int z, int bricks) {
   const int64_t brick = (int64_t{z >> 2} * bricks + (y >> 2)) * bricks + (x >> 2);
@@ -48,24 +48,24 @@ OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side
   NERF_CHECK(cascades >= 1 && cascades <= 16);
   NERF_CHECK(side >= 16 && side <= kMostSide && side % 16 == 0);
   const size_t cells_in_all = static_cast<size_t>(cascades) * static_cast<size_t>(cells());
-  opacity_ = AlignedArray<float>(cells_in_all);
+  opacity_ = AlignedArray<Real>(cells_in_all);
   levels_ = AlignedArray<uint8_t>(cells_in_all);
   masks_.resize(cells_in_all / 64);
   solid_.resize(masks_.size());
   for (int i = 0; i < 256; ++i) {
-    const float root = static_cast<float>(i) / 255.0f;
+    const Real root = static_cast<Real>(i) / 255.0_r;
     thickness_of_level_[static_cast<size_t>(i)] = -std::log1p(-std::min(root * root, kMostOpaque));
   }
   std::fill(opacity_.begin(), opacity_.end(), kUnknown);
-  rebuild(0.01f);
+  rebuild(0.01_r);
 }
 
 int OccupancyGrid::cascade_of(const Vec3& p) const {
   int c = 0;
-  float half = 1;
+  Real half = 1;
   // Lower borders belong to a cascade, upper ones do not: the same rule by which a cell holds
   // points.
-  const auto holds = [&](float v) { return v >= -half && v < half; };
+  const auto holds = [&](Real v) { return v >= -half && v < half; };
   while (c < cascades_ && !(holds(p.x) && holds(p.y) && holds(p.z))) {
     half *= 2;
     ++c;
@@ -74,7 +74,7 @@ int OccupancyGrid::cascade_of(const Vec3& p) const {
 }
 
 int64_t OccupancyGrid::cell_of(const Vec3& p, int cascade) const {
-  const float scale = 1.0f / cell_width(cascade);
+  const Real scale = 1.0_r / cell_width(cascade);
   int at[3];
   for (int i = 0; i < 3; ++i)
     at[i] = std::clamp(static_cast<int>(std::floor(p[i] * scale)) + side_ / 2, 0, side_ - 1);
@@ -95,26 +95,26 @@ Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) const {
   const int x = static_cast<int>(brick % n) * 4 + (in & 3);
   const int y = static_cast<int>(brick / n % n) * 4 + ((in >> 2) & 3);
   const int z = static_cast<int>(brick / (n * n)) * 4 + (in >> 4);
-  const float w = cell_width(cascade);
-  const float h = static_cast<float>(side_ / 2);
-  return {(static_cast<float>(x) - h) * w, (static_cast<float>(y) - h) * w,
-          (static_cast<float>(z) - h) * w};
+  const Real w = cell_width(cascade);
+  const Real h = static_cast<Real>(side_ / 2);
+  return {(static_cast<Real>(x) - h) * w, (static_cast<Real>(y) - h) * w,
+          (static_cast<Real>(z) - h) * w};
 }
 
-void OccupancyGrid::observe(int cascade, int64_t cell, float seen) {
-  float& a = opacity_[index(cascade, cell)];
+void OccupancyGrid::observe(int cascade, int64_t cell, Real seen) {
+  Real& a = opacity_[index(cascade, cell)];
   if (a < 0 || !(seen >= 0)) return;
   a += kShare * (seen - a);
 }
 
 // What a brick of 64 floats below 0 looks like: nothing in it ever changes.
 bool OccupancyGrid::brick_is_off(size_t brick) const {
-  float most = kOff;
+  Real most = kOff;
   for (size_t i = 0; i < 64; ++i) most = std::max(most, opacity_[brick * 64 + i]);
   return most < 0;
 }
 
-void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
+void OccupancyGrid::rebuild(Real threshold, ThreadPool* pool) {
   NERF_CHECK(opacity_.size() > 0);
   constexpr size_t kPerItem = 1024;  // bricks
   const size_t items = (masks_.size() + kPerItem - 1) / kPerItem;
@@ -137,11 +137,11 @@ void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
       solid_[b] = 0;
       off[b] = brick_is_off(b);
       if (off[b]) continue;
-      float sum = 0;
+      Real sum = 0;
       int64_t on = 0;
       for (size_t i = 0; i < 64; ++i) {
-        const float a = opacity_[b * 64 + i];
-        sum += std::max(a, 0.0f);
+        const Real a = opacity_[b * 64 + i];
+        sum += std::max(a, 0.0_r);
         on += a >= 0;
         solid_[b] |= uint64_t{a >= kSolid} << i;
       }
@@ -155,8 +155,8 @@ void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
     sum += sums[i];
     on += counts[i];
   }
-  const float mean = on ? static_cast<float>(sum / static_cast<double>(on)) : 0;
-  const float limit = std::min(threshold, mean);
+  const Real mean = on ? static_cast<Real>(sum / static_cast<double>(on)) : 0;
+  const Real limit = std::min(threshold, mean);
 
   each_item([&](size_t, size_t first, size_t last) {
     for (size_t b = first; b < last; ++b) {
@@ -167,9 +167,9 @@ void OccupancyGrid::rebuild(float threshold, ThreadPool* pool) {
         continue;
       }
       for (size_t i = 0; i < 64; ++i) {
-        const float a = opacity_[b * 64 + i];
-        const float root = std::sqrt(std::max(a, 0.0f)) * 255.0f + 0.5f;
-        const uint8_t level = static_cast<uint8_t>(std::min(std::max(root, 1.0f), 255.0f));
+        const Real a = opacity_[b * 64 + i];
+        const Real root = std::sqrt(std::max(a, 0.0_r)) * 255.0_r + 0.5_r;
+        const uint8_t level = static_cast<uint8_t>(std::min(std::max(root, 1.0_r), 255.0_r));
         levels[i] = a >= limit && a > 0 ? level : uint8_t{0};
       }
       keep_neighbours_of_solid(b);
@@ -213,7 +213,7 @@ void OccupancyGrid::measure_occupied() {
     occupied += __builtin_popcountll(masks_[b]);
     const int c = static_cast<int>(b / bricks_of_cascade());
     const Vec3 corner = cell_corner(static_cast<int64_t>(b % bricks_of_cascade()) * 64, c);
-    const float w = 4 * cell_width(c);
+    const Real w = 4 * cell_width(c);
     occupied_box_.extend(corner.cast<double>());
     occupied_box_.extend((corner + Vec3{w, w, w}).cast<double>());
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace nerf {
 
@@ -41,22 +42,22 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
 struct RaySampler::Traversal {
   Vec3 origin, direction, inverse;
   int step[3], positive[3];
-  float end;              // of the ray
-  float depth = 0, stop;  // optical depth so far, and where to stop
+  Real end;              // of the ray
+  Real depth = 0, stop;  // optical depth so far, and where to stop
 
   // t of the border of slot `at` (width w, slot 0 starting at -half) that the ray leaves through.
-  float border(int axis, int at, int half, float w) const {
+  Real border(int axis, int at, int half, Real w) const {
     if (step[axis] == 0) return kNever;
-    return (static_cast<float>(at + positive[axis] - half) * w - origin[axis]) * inverse[axis];
+    return (static_cast<Real>(at + positive[axis] - half) * w - origin[axis]) * inverse[axis];
   }
-  static constexpr float kNever = 1e30f;
+  static constexpr Real kNever = 1e30_r;
 };
 
 namespace {
-int least(const float t[3]) { return t[0] < t[1] ? (t[0] < t[2] ? 0 : 2) : (t[1] < t[2] ? 1 : 2); }
+int least(const Real t[3]) { return t[0] < t[1] ? (t[0] < t[2] ? 0 : 2) : (t[1] < t[2] ? 1 : 2); }
 }  // namespace
 
-void RaySampler::march(const Ray& ray, float min_transmittance) {
+void RaySampler::march(const Ray& ray, Real min_transmittance) {
   segment_count_ = 0;
   double t0 = ray.near, t1 = ray.far;
   Box3 box = grid_.occupied_box();
@@ -66,38 +67,41 @@ void RaySampler::march(const Ray& ray, float min_transmittance) {
   }
   if (box.empty() || !clip_to_box(ray, box, t0, t1)) return;
   start_ = t0;
-  entry_ = (ray.origin + ray.direction * t0).cast<float>();
+  entry_ = (ray.origin + ray.direction * t0).cast<Real>();
 
   Traversal v;
   v.origin = entry_;
-  v.direction = ray.direction.cast<float>();
-  v.end = static_cast<float>(t1 - t0);
+  v.direction = ray.direction.cast<Real>();
+  v.end = static_cast<Real>(t1 - t0);
   v.stop = min_transmittance > 0 ? -std::log(min_transmittance) : Traversal::kNever;
+  // Along such an axis no ray gets from one Real to the next.
+  constexpr Real kParallel =
+      1e-12_r * std::numeric_limits<Real>::epsilon() / std::numeric_limits<float>::epsilon();
   for (int i = 0; i < 3; ++i) {
-    const float d = v.direction[i];
-    v.step[i] = std::fabs(d) < 1e-12f ? 0 : d > 0 ? 1 : -1;
+    const Real d = v.direction[i];
+    v.step[i] = std::fabs(d) < kParallel ? 0 : d > 0 ? 1 : -1;
     v.positive[i] = d > 0;
-    v.inverse[i] = v.step[i] ? 1.0f / d : 0.0f;
+    v.inverse[i] = v.step[i] ? 1.0_r / d : 0.0_r;
   }
-  if (!(v.end <= 4 * static_cast<float>(1 << grid_.cascades())))
+  if (!(v.end <= 4 * static_cast<Real>(1 << grid_.cascades())))
     return;  // coordinates are no numbers
   // Nudged across the border that the ray, or the last stretch of it, starts on. One that enters
   // along the grid's upper border is inside, wherever rounding has put it.
-  constexpr float kNudge = 1e-6f;
+  constexpr Real kNudge = 1e-6_r;
   int c = std::min(grid_.cascade_of(v.origin + v.direction * kNudge), grid_.cascades() - 1);
-  float t = 0;
+  Real t = 0;
   while (t < v.end && v.depth < v.stop && c < grid_.cascades())
     t = march_cascade(v, c, t + kNudge * (1 + t));
 }
 
-float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
+Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
   const int c = cascade;
   const int bricks = grid_.bricks(), half = bricks / 2;
-  const float cell_width = grid_.cell_width(c), width = 4 * cell_width;
+  const Real cell_width = grid_.cell_width(c), width = 4 * cell_width;
   int at[3];
-  float next[3];
+  Real next[3];
   for (int i = 0; i < 3; ++i) {
-    const float p = v.origin[i] + v.direction[i] * t;
+    const Real p = v.origin[i] + v.direction[i] * t;
     at[i] = std::clamp(static_cast<int>(std::floor(p / width)) + half, 0, bricks - 1);
     next[i] = v.border(i, at[i], half, width);
   }
@@ -108,7 +112,7 @@ float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
   };
   for (;;) {
     const int axis = least(next);
-    const float exit = std::min(std::max(next[axis], t), v.end);
+    const Real exit = std::min(std::max(next[axis], t), v.end);
     const int64_t brick = (int64_t{at[2]} * bricks + at[1]) * bricks + at[0];
     const uint64_t mask = grid_.brick_mask(c, brick);
     if (mask != 0) march_brick(v, c, brick, mask, at, t, exit);
@@ -130,23 +134,23 @@ float RaySampler::march_cascade(Traversal& v, int& cascade, float t) {
 }
 
 void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
-                             const int brick_at[3], float t, float brick_exit) {
+                             const int brick_at[3], Real t, Real brick_exit) {
   const int half = grid_.side() / 2;
-  const float width = grid_.cell_width(c), scale = 1.0f / width;
+  const Real width = grid_.cell_width(c), scale = 1.0_r / width;
   int at[3];
-  float next[3];
+  Real next[3];
   for (int i = 0; i < 3; ++i) {
-    const float p = v.origin[i] + v.direction[i] * t;
+    const Real p = v.origin[i] + v.direction[i] * t;
     const int first = brick_at[i] * 4;
     at[i] = std::clamp(static_cast<int>(std::floor(p * scale)) + half, first, first + 3);
     next[i] = v.border(i, at[i], half, width);
   }
   for (;;) {
     const int axis = least(next);
-    const float exit = std::min(std::max(next[axis], t), brick_exit);
+    const Real exit = std::min(std::max(next[axis], t), brick_exit);
     const int in = (at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3);
     if ((mask >> in & 1) && exit > t) {
-      const float tau = grid_.thickness(c, brick * 64 + in) * (exit - t) * scale;
+      const Real tau = grid_.thickness(c, brick * 64 + in) * (exit - t) * scale;
       segments_[static_cast<size_t>(segment_count_++)] = {t, exit, tau};
       v.depth += tau;
       if (v.depth >= v.stop) return;
@@ -164,20 +168,20 @@ void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
 // neighbours (they may hold the surface just as well), and a uniform share of the ray's matter.
 int RaySampler::choose_count(bool follow_cache) {
   const size_t n = static_cast<size_t>(segment_count_);
-  float length = 0;
+  Real length = 0;
   for (const Segment& s : segments()) length += s.t1 - s.t0;
-  float transmittance = 1;
+  Real transmittance = 1;
   for (size_t i = 0; i < n; ++i) {
-    const float pass = std::exp(-segments_[i].thickness);
+    const Real pass = std::exp(-segments_[i].thickness);
     mass_[i] = follow_cache ? transmittance * (1 - pass) : 0;
     transmittance *= pass;
   }
-  float previous = 0, sum = 0, squares = 0;
+  Real previous = 0, sum = 0, squares = 0;
   for (size_t i = 0; i < n; ++i) {
-    const float here = mass_[i];
-    const float next = i + 1 < n ? mass_[i + 1] : 0;
-    const float share = (segments_[i].t1 - segments_[i].t0) / length;
-    mass_[i] = 0.5f * here + 0.25f * (previous + next) + options_.uniform_share * share;
+    const Real here = mass_[i];
+    const Real next = i + 1 < n ? mass_[i + 1] : 0;
+    const Real share = (segments_[i].t1 - segments_[i].t0) / length;
+    mass_[i] = 0.5_r * here + 0.25_r * (previous + next) + options_.uniform_share * share;
     if (!follow_cache) mass_[i] = share;
     previous = here;
     sum += mass_[i];
@@ -187,9 +191,9 @@ int RaySampler::choose_count(bool follow_cache) {
   if (follow_cache && !(squares > 0)) return choose_count(false);
   total_mass_ = sum;
   // Number of cells that would give this sum of squares if they were equal.
-  const float cells = sum * sum / squares;
-  const float wanted = std::ceil(options_.samples_per_cell * cells);
-  if (!(wanted < static_cast<float>(options_.max_samples))) return options_.max_samples;
+  const Real cells = sum * sum / squares;
+  const Real wanted = std::ceil(options_.samples_per_cell * cells);
+  if (!(wanted < static_cast<Real>(options_.max_samples))) return options_.max_samples;
   return std::max(static_cast<int>(wanted), options_.min_samples);
 }
 
@@ -202,31 +206,31 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
   // Inverse of the distribution at the borders k / count of equal mass (interval lengths) and at
   // one place inside each (positions), in one walk over the segments.
   size_t s = 0;
-  float below = 0;   // mass of the segments before s
-  float matter = 0;  // their length
-  const auto advance = [&](float target, float& length) {
+  Real below = 0;   // mass of the segments before s
+  Real matter = 0;  // their length
+  const auto advance = [&](Real target, Real& length) {
     while (s + 1 < static_cast<size_t>(segment_count_) && below + mass_[s] < target) {
       below += mass_[s];
       matter += segments_[s].t1 - segments_[s].t0;
       ++s;
     }
-    const float width = segments_[s].t1 - segments_[s].t0;
-    const float rest = target - below;
-    const float f = rest >= mass_[s] ? 1.0f : std::max(rest / mass_[s], 0.0f);
+    const Real width = segments_[s].t1 - segments_[s].t0;
+    const Real rest = target - below;
+    const Real f = rest >= mass_[s] ? 1.0_r : std::max(rest / mass_[s], 0.0_r);
     length = matter + f * width;
     return segments_[s].t0 + f * width;
   };
-  float from = 0;
-  const float unit = total_mass_ / static_cast<float>(count);
+  Real from = 0;
+  const Real unit = total_mass_ / static_cast<Real>(count);
   for (int k = 0; k < count; ++k) {
-    const float inside = random ? random->uniform() : 0.5f;
-    float length = 0;
-    const float t = advance((static_cast<float>(k) + inside) * unit, length);
-    float to = 0;
+    const Real inside = random ? random->uniform() : 0.5_r;
+    Real length = 0;
+    const Real t = advance((static_cast<Real>(k) + inside) * unit, length);
+    Real to = 0;
     // The last border is the end of all matter, whatever the sum of masses was rounded to.
-    advance(k + 1 < count ? static_cast<float>(k + 1) * unit : Traversal::kNever, to);
+    advance(k + 1 < count ? static_cast<Real>(k + 1) * unit : Traversal::kNever, to);
     out.t.push_back(t);
-    out.delta.push_back(std::max(to - from, 0.0f));
+    out.delta.push_back(std::max(to - from, 0.0_r));
     from = to;
   }
   return count;
@@ -237,9 +241,9 @@ int RaySampler::sample_all(const Ray& ray, int per_cell, RaySamples& out) {
   out.delta.clear();
   march(ray, 0);
   for (const Segment& s : segments()) {
-    const float width = (s.t1 - s.t0) / static_cast<float>(per_cell);
+    const Real width = (s.t1 - s.t0) / static_cast<Real>(per_cell);
     for (int k = 0; k < per_cell; ++k) {
-      out.t.push_back(s.t0 + (static_cast<float>(k) + 0.5f) * width);
+      out.t.push_back(s.t0 + (static_cast<Real>(k) + 0.5_r) * width);
       out.delta.push_back(width);
     }
   }

@@ -1,6 +1,7 @@
 // Trainer::save_checkpoint and load_checkpoint. docs/model_file.md describes the file.
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <type_traits>
 
 #include "base/container.h"
 #include "model/json_fields.h"
@@ -18,6 +19,18 @@ using internal::JsonFields;
 // for bit or not at all.
 constexpr internal::ContainerFormat kFormat{
     "NERFCKPT", 2, "checkpoint", "copy it again, or begin the run anew with --overwrite"};
+
+// Weights and moments are stored as they are: one build cannot continue another's run bit for bit.
+constexpr const char* kReal = std::is_same_v<Real, float> ? "float" : "double";
+
+void check_real(const JsonFields& header) {
+  const std::string saved = header.has("real") ? header.text("real") : "float";
+  if (saved != kReal)
+    throw Error(
+        "the checkpoint is of a program that computes in " + saved + ", this one does in " + kReal,
+        header.where(),
+        "resume with a program built as that one was (NERF_DOUBLE), or begin another run");
+}
 
 void check_scene(const JsonFields& header, const internal::SceneFingerprint& own) {
   const JsonFields saved = header.object("scene");
@@ -52,6 +65,7 @@ void Trainer::save_checkpoint(const std::filesystem::path& path,
   header["options"] = Json::parse(options_to_json(t.options));
   for (const auto& [aspect, hash] : internal::scene_fingerprint(t.scene, t.photos))
     header["scene"][aspect] = hash;
+  header["real"] = kReal;
   header["run"] = run_state;
   Json state = {{"done", t.done}, {"salt", t.salt}, {"rate_factor", t.rate_factor}};
   internal::ContainerWriter file;
@@ -65,6 +79,7 @@ std::string Trainer::load_checkpoint(const std::filesystem::path& path) {
   TrainerImpl& t = *impl_;
   const internal::ContainerReader file(path, kFormat);
   const JsonFields header = JsonFields::parse(file.header(), path.string());
+  check_real(header);
   check_scene(header, internal::scene_fingerprint(t.scene, t.photos));
   const TrainOptions options = checked_options(header, t.options);
   const std::string run_state = header.text("run");

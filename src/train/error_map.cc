@@ -6,11 +6,11 @@
 namespace nerf {
 
 namespace {
-constexpr float kUnseen = -1;
-constexpr float kShare = 0.1f;  // of a tile's memory that one pixel replaces
+constexpr Real kUnseen = -1;
+constexpr Real kShare = 0.1_r;  // of a tile's memory that one pixel replaces
 }  // namespace
 
-ErrorMap::ErrorMap(const PhotoSet& photos, std::span<const int> views, float guidance)
+ErrorMap::ErrorMap(const PhotoSet& photos, std::span<const int> views, Real guidance)
     : guidance_(guidance) {
   if (keeps_all()) return;
   int32_t tiles = 0;
@@ -30,24 +30,24 @@ void ErrorMap::reset() {
   refresh();
 }
 
-void ErrorMap::observe(int32_t tile, float squared_error) {
-  float& e = errors_[static_cast<size_t>(tile)];
+void ErrorMap::observe(int32_t tile, Real squared_error) {
+  Real& e = errors_[static_cast<size_t>(tile)];
   e = e < 0 ? squared_error : e + kShare * (squared_error - e);
 }
 
 void ErrorMap::refresh() {
   double sum = 0;
   int64_t seen = 0;
-  for (const float e : errors_) {
+  for (const Real e : errors_) {
     if (e < 0) continue;
     sum += static_cast<double>(std::sqrt(e));
     ++seen;
   }
-  const float scale = sum > 0 ? static_cast<float>(static_cast<double>(seen) / sum) : 0;
+  const Real scale = sum > 0 ? static_cast<Real>(static_cast<double>(seen) / sum) : 0;
   for (size_t i = 0; i < errors_.size(); ++i) {
-    const float ratio = errors_[i] < 0 || scale == 0 ? 1 : std::sqrt(errors_[i]) * scale;
-    const float chance = ((1 - guidance_) + guidance_ * ratio) / kMostFavoured;
-    chances_[i] = static_cast<uint8_t>(std::clamp(256 * chance - 1, 0.0f, 255.0f));
+    const Real ratio = errors_[i] < 0 || scale == 0 ? 1 : std::sqrt(errors_[i]) * scale;
+    const Real chance = ((1 - guidance_) + guidance_ * ratio) / kMostFavoured;
+    chances_[i] = static_cast<uint8_t>(std::clamp(256 * chance - 1, 0.0_r, 255.0_r));
   }
 }
 

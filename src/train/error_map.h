@@ -15,10 +15,10 @@ namespace nerf {
 // times that ratio, over kMostFavoured and at most 1. Tiles that were never seen count as average.
 class ErrorMap {
  public:
-  static constexpr float kMostFavoured = 2;
+  static constexpr Real kMostFavoured = 2;
 
   // Of the photos `views` of the set, in that order. guidance in [0, 1]; 0 keeps every pixel.
-  ErrorMap(const PhotoSet& photos, std::span<const int> views, float guidance);
+  ErrorMap(const PhotoSet& photos, std::span<const int> views, Real guidance);
 
   bool keeps_all() const { return guidance_ == 0; }
   // Tile of pixel (x, y) of the i-th of the views.
@@ -27,19 +27,19 @@ class ErrorMap {
     return g.first + (y / kTile) * g.columns + x / kTile;
   }
   // In (0, 1].
-  float chance(int32_t tile) const {
-    return static_cast<float>(chances_[static_cast<size_t>(tile)] + 1) * (1.0f / 256);
+  Real chance(int32_t tile) const {
+    return static_cast<Real>(chances_[static_cast<size_t>(tile)] + 1) * (1.0_r / 256);
   }
 
   // Squared error of one drawn pixel, summed over channels.
-  void observe(int32_t tile, float squared_error);
+  void observe(int32_t tile, Real squared_error);
   // Makes the chances follow what was observed.
   void refresh();
   void reset();
 
   // What a checkpoint keeps.
-  std::span<float> errors() { return errors_; }
-  std::span<const float> errors() const { return errors_; }
+  std::span<Real> errors() { return errors_; }
+  std::span<const Real> errors() const { return errors_; }
   std::span<uint8_t> chances() { return chances_; }
   std::span<const uint8_t> chances() const { return chances_; }
 
@@ -48,9 +48,9 @@ class ErrorMap {
   struct Grid {
     int32_t first, columns;
   };
-  float guidance_;
+  Real guidance_;
   std::vector<Grid> grids_;
-  std::vector<float> errors_;  // < 0: never seen
+  std::vector<Real> errors_;  // < 0: never seen
   std::vector<uint8_t> chances_;
 };
 

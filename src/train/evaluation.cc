@@ -63,14 +63,14 @@ double mean(const std::vector<ViewScore>& views, std::optional<double> ViewScore
 
 }  // namespace
 
-Vec3 evaluation_background(bool alpha) { return alpha ? Vec3{1, 1, 1} : Vec3{0.5f, 0.5f, 0.5f}; }
+Vec3 evaluation_background(bool alpha) { return alpha ? Vec3{1, 1, 1} : Vec3{0.5_r, 0.5_r, 0.5_r}; }
 
 Image8 photo_over(const Photo& photo, const Vec3& background) {
   ImageF image{photo.width, photo.height, 3, {}};
   image.pixels.resize(3 * static_cast<size_t>(photo.width) * static_cast<size_t>(photo.height));
   for (int y = 0; y < photo.height; ++y)
     for (int x = 0; x < photo.width; ++x) {
-      float rgba[4];
+      Real rgba[4];
       photo.pixel(x, y, rgba);
       for (int k = 0; k < 3; ++k)
         image.at(x, y)[k] = rgba[k] * rgba[3] + background[k] * (1 - rgba[3]);

@@ -39,14 +39,14 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       field(o.grid, s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true,
-           {static_cast<float>(o.huber_delta), /*on_weights=*/distortion > 0}),
-      errors(p, s.train, static_cast<float>(o.error_guidance)),
+           {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0}),
+      errors(p, s.train, static_cast<Real>(o.error_guidance)),
       maker(source, errors, field, distortion > 0, t),
       batch(std::max(1, o.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
-  features = AlignedArray<float>(columns * static_cast<size_t>(field.shape.features()));
-  d_features = AlignedArray<float>(features.size());
-  densities = AlignedArray<float>(columns);
+  features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
+  d_features = AlignedArray<Real>(features.size());
+  densities = AlignedArray<Real>(columns);
   for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
   for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
@@ -68,25 +68,25 @@ void GridTrainer::initialise() {
   // A finer cascade answers for the middle of a coarser one.
   for (int c = 1; c < field.occupancy.cascades(); ++c)
     for (int64_t i = 0; i < field.occupancy.cells(); ++i) {
-      const float w = field.occupancy.cell_width(c);
-      const Vec3 centre = field.occupancy.cell_corner(i, c) + Vec3{0.5f * w, 0.5f * w, 0.5f * w};
+      const Real w = field.occupancy.cell_width(c);
+      const Vec3 centre = field.occupancy.cell_corner(i, c) + Vec3{0.5_r * w, 0.5_r * w, 0.5_r * w};
       if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
     }
   switch_off_impossible_cells(scene, photos, pool, field.occupancy);
-  field.occupancy.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
+  field.occupancy.rebuild(static_cast<Real>(options.occupancy_threshold), &pool);
   pack();
 }
 
-float GridTrainer::rate_at(int64_t step) const {
+Real GridTrainer::rate_at(int64_t step) const {
   const double rise =
       std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
-  return static_cast<float>(options.rate * rate_factor * rise *
-                            std::lerp(1.0, options.final_rate, progress_at(step)));
+  return static_cast<Real>(options.rate * rate_factor * rise *
+                           std::lerp(1.0, options.final_rate, progress_at(step)));
 }
 
-float GridTrainer::samples_per_cell_at(int64_t step) const {
+Real GridTrainer::samples_per_cell_at(int64_t step) const {
   return options.grid.sampler.samples_per_cell *
-         static_cast<float>(std::lerp(options.early_samples, 1.0, progress_at(step)));
+         static_cast<Real>(std::lerp(options.early_samples, 1.0, progress_at(step)));
 }
 
 StepReport GridTrainer::step() {
@@ -109,7 +109,7 @@ StepReport GridTrainer::step() {
     const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
     for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
       const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
-      float* to = features.data() + (c * level_count + l) * level.features * ld;
+      Real* to = features.data() + (c * level_count + l) * level.features * ld;
       hash_grid_forward(level, field.table.data() + level.begin(), batch.x.data() + at,
                         batch.y.data() + at, batch.z.data() + at, n, to, ld);
       if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, to, ld);
@@ -133,7 +133,7 @@ StepReport GridTrainer::step() {
   report.rays = batch.rays_considered;
   report.samples = batch.total_samples;
   report.rate = rate_at(done);
-  update(static_cast<float>(report.rate));
+  update(static_cast<Real>(report.rate));
   lap.into(profile.update);
 
   const double seen = static_cast<double>(batch.total_samples) /
@@ -149,9 +149,9 @@ StepReport GridTrainer::step() {
 double GridTrainer::late_saving_seconds() {
   constexpr int kRepeats = 3;
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
-  const float late = options.grid.sampler.samples_per_cell;
+  const Real late = options.grid.sampler.samples_per_cell;
   double rays = capacity / std::max(samples_per_ray, 0.05), least[2] = {1e30, 1e30};
-  for (const float samples : {samples_per_cell_at(done), late}) {
+  for (const Real samples : {samples_per_cell_at(done), late}) {
     double& time = least[samples == late];
     for (int i = 0; i < kRepeats; ++i) {
       const double begin = seconds_now();
@@ -167,14 +167,14 @@ double GridTrainer::late_saving_seconds() {
 void GridTrainer::run_chunks() {
   const int64_t ld = kChunkSamples;
   const int64_t rows = field.shape.features();
-  const float scale =
-      static_cast<float>(1 / (3 * source.mean_weight() *
-                              static_cast<double>(std::max<int64_t>(batch.rays_considered, 1))));
+  const Real scale =
+      static_cast<Real>(1 / (3 * source.mean_weight() *
+                             static_cast<double>(std::max<int64_t>(batch.rays_considered, 1))));
   const int64_t per = (batch.chunks + kAccumulators - 1) / kAccumulators;
   pool.parallel_for_thread(kAccumulators, [&](int64_t a, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
-    std::fill(sum.begin(), sum.end(), 0.0f);
+    AlignedArray<Real>& sum = accumulators[static_cast<size_t>(a)];
+    std::fill(sum.begin(), sum.end(), 0.0_r);
     chunk.weights = field.weights.data();
     chunk.weight_gradient = sum.data();
     const int64_t end = std::min<int64_t>(batch.chunks, (a + 1) * per);
@@ -184,10 +184,10 @@ void GridTrainer::run_chunks() {
       chunk.rays = batch.rays[i];
       chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
       chunk.loss = 0;
-      const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(float);
+      const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(Real);
       std::memcpy(chunk.data(tape.features), features.data() + c * rows * ld, bytes);
-      std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(float));
-      const size_t ray_bytes = 3 * kChunkRays * sizeof(float);
+      std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(Real));
+      const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
       std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
       std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
       std::memcpy(chunk.data(tape.target), batch.target_of(static_cast<int>(c)), ray_bytes);
@@ -197,20 +197,20 @@ void GridTrainer::run_chunks() {
       if (distortion > 0) add_distortion(chunk, c * ld);
       tape.tape.backward(chunk);
       std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
-      std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(float));
+      std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
       chunk_loss[i] = chunk.loss;
       const int64_t lr = chunk.stride(tape.image.pixel);
-      const float* pixel = chunk.data(tape.image.pixel);
-      const float* target = chunk.data(tape.target);
+      const Real* pixel = chunk.data(tape.image.pixel);
+      const Real* target = chunk.data(tape.target);
       for (int r = 0; r < chunk.rays; ++r) {
-        float sum = 0;
+        Real sum = 0;
         for (int k = 0; k < 3; ++k) {
-          const float e = pixel[k * lr + r] - target[k * lr + r];
+          const Real e = pixel[k * lr + r] - target[k * lr + r];
           sum += e * e;
         }
         ray_errors[i * kChunkRays + static_cast<size_t>(r)] = sum;
       }
-      const float* opacity = pixel + 3 * lr;
+      const Real* opacity = pixel + 3 * lr;
       chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
     }
   });
@@ -218,16 +218,16 @@ void GridTrainer::run_chunks() {
 
 // A mean over rays: their scale is that of a mean over three channels too.
 void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
-  float* gradient = chunk.data(tape.weight_gradient);
-  std::fill_n(gradient, chunk.samples, 0.0f);
+  Real* gradient = chunk.data(tape.weight_gradient);
+  std::fill_n(gradient, chunk.samples, 0.0_r);
   for (int r = 0; r < chunk.rays; ++r) {
     const int32_t begin = chunk.ray_begin[r];
     const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
-    const auto of_ray = [&](const float* data) { return std::span(data + begin, n); };
+    const auto of_ray = [&](const Real* data) { return std::span(data + begin, n); };
     chunk.loss += distortion_loss(of_ray(batch.middle.data() + first_sample),
                                   of_ray(batch.width.data() + first_sample),
                                   of_ray(chunk.data(tape.image.weights)),
-                                  static_cast<float>(3 * distortion) * chunk.data(tape.scale)[r],
+                                  static_cast<Real>(3 * distortion) * chunk.data(tape.scale)[r],
                                   std::span(gradient + begin, n));
   }
 }
@@ -244,7 +244,7 @@ void GridTrainer::scatter() {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     for (int64_t c = 0; c < batch.chunks; ++c) {
       const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
-      float* from = d_features.data() + (c * levels + l) * level.features * ld;
+      Real* from = d_features.data() + (c * levels + l) * level.features * ld;
       if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, from, ld);
       hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at, n,
                          from, ld, optimiser.table_gradient.data() + level.begin(),
@@ -253,17 +253,17 @@ void GridTrainer::scatter() {
   });
 }
 
-void GridTrainer::update(float rate) {
+void GridTrainer::update(Real rate) {
   const size_t n = field.weights.size();
-  float* gradient = optimiser.network_gradient.data();
-  std::fill_n(gradient, n, 0.0f);
+  Real* gradient = optimiser.network_gradient.data();
+  std::fill_n(gradient, n, 0.0_r);
   for (const auto& a : accumulators)
     for (size_t i = 0; i < n; ++i) gradient[i] += a[i];
   check_gradient();
 
   AdamStep adam;
-  adam.rate = rate * static_cast<float>(options.network_rate);
-  adam.l2 = static_cast<float>(options.network_l2);
+  adam.rate = rate * static_cast<Real>(options.network_rate);
+  adam.l2 = static_cast<Real>(options.network_l2);
   adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
              optimiser.network_v.data(), field.weights.data());
   pack();
@@ -312,7 +312,7 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
                              const internal::JsonFields& scalars) {
   std::vector<uint8_t> levels(field.occupancy.levels().size());
   file.read(kLevels, std::span(levels));
-  std::fill(optimiser.table_gradient.begin(), optimiser.table_gradient.end(), 0.0f);
+  std::fill(optimiser.table_gradient.begin(), optimiser.table_gradient.end(), 0.0_r);
   std::fill(optimiser.touched.begin(), optimiser.touched.end(), uint8_t{0});
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   field.occupancy.set_levels(levels);

@@ -23,10 +23,10 @@ inline constexpr int kAccumulators = 32;
 // Gradients and moments of a field's parameters.
 struct OptimiserState {
   explicit OptimiserState(const GridField& field);
-  AlignedArray<float> table_gradient, table_m, table_v;
+  AlignedArray<Real> table_gradient, table_m, table_v;
   AlignedArray<uint8_t> touched;     // one per row
   AlignedArray<uint16_t> row_steps;  // one per row
-  AlignedArray<float> network_gradient, network_m, network_v;
+  AlignedArray<Real> network_gradient, network_m, network_v;
 };
 
 struct GridTrainer final : TrainerImpl {
@@ -42,8 +42,8 @@ struct GridTrainer final : TrainerImpl {
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;
 
-  float rate_at(int64_t step) const;
-  float samples_per_cell_at(int64_t step) const;
+  Real rate_at(int64_t step) const;
+  Real samples_per_cell_at(int64_t step) const;
   void pack();  // after every change of the networks' weights
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
@@ -52,7 +52,7 @@ struct GridTrainer final : TrainerImpl {
   void observe_errors();
   // Mean squared error over the photos' pixels, from the step's rays.
   double mean_squared_error() const;
-  void update(float rate);
+  void update(Real rate);
   void check_gradient() const;  // of the networks, reduced
   void refresh_occupancy();
   void initialise();
@@ -63,15 +63,15 @@ struct GridTrainer final : TrainerImpl {
   OptimiserState optimiser;
   GridTape tape;
   std::vector<std::unique_ptr<Chunk>> workers;  // one per thread
-  std::vector<float> corrections;
+  std::vector<Real> corrections;
 
   ErrorMap errors;
   RayBatchMaker maker;
   RayBatch batch;
-  AlignedArray<float> features, d_features;  // [chunk][4 L][kChunkSamples]
-  AlignedArray<float> densities;             // [chunk][kChunkSamples]
-  std::vector<AlignedArray<float>> accumulators;
-  std::vector<float> ray_errors;  // squared, summed over channels; [chunk][kChunkRays]
+  AlignedArray<Real> features, d_features;  // [chunk][4 L][kChunkSamples]
+  AlignedArray<Real> densities;             // [chunk][kChunkSamples]
+  std::vector<AlignedArray<Real>> accumulators;
+  std::vector<Real> ray_errors;  // squared, summed over channels; [chunk][kChunkRays]
   std::vector<double> chunk_loss, chunk_opacity;
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next

@@ -13,7 +13,7 @@ void TrainerImpl::check_loss(double loss) const {
 }
 
 void GridTrainer::check_gradient() const {
-  const float* gradient = optimiser.network_gradient.data();
+  const Real* gradient = optimiser.network_gradient.data();
   const auto check = [&](const char* network, const std::vector<LinearWeights>& layers) {
     for (size_t l = 0; l < layers.size(); ++l)
       for (size_t i = layers[l].offset; i < layers[l].offset + layers[l].size(); ++i)

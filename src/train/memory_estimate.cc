@@ -20,7 +20,7 @@ uint64_t network_weights(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t
 
 // Follows the members of NetworkTrainer.
 uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
-  constexpr uint64_t kFloat = sizeof(float);
+  constexpr uint64_t kFloat = sizeof(Real);
   const uint64_t weights = place_networks(options.network).back().end;
   const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
   uint64_t packs = 0;
@@ -40,7 +40,7 @@ uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
 // Follows the members of GridTrainer, in their order.
 uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
   if (options.method != kGridMethod) return network_memory_bytes(options, threads);
-  constexpr uint64_t kFloat = sizeof(float);
+  constexpr uint64_t kFloat = sizeof(Real);
   const GridOptions& o = options.grid;
   const HashGridShape shape = hash_grid_shape(o);
   const uint64_t rows = shape.rows;
@@ -86,8 +86,8 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
          std::max({saving, resuming, restarting});
 }
 
-// Frame (5 numbers), its 8-bit pictures by way of floats, the three pictures side by side and their
-// encoder's copies.
-uint64_t evaluation_memory_bytes(uint64_t pixels) { return 64 * pixels; }
+// Frame (5 numbers), its 8-bit pictures by way of three more, the three pictures side by side and
+// their encoder's copies.
+uint64_t evaluation_memory_bytes(uint64_t pixels) { return (8 * sizeof(Real) + 32) * pixels; }
 
 }  // namespace nerf

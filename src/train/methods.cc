@@ -40,7 +40,7 @@ void mipnerf_paper(TrainOptions& o) {
   n.shared = true;
   n.density = DensityActivation::kSoftplus;
   n.density_bias = -1;
-  n.colour_padding = 0.001f;
+  n.colour_padding = 0.001_r;
   o.steps = 1000000;
   o.rate = 5e-4;
   o.final_rate = 0.01;
@@ -48,7 +48,7 @@ void mipnerf_paper(TrainOptions& o) {
   o.hold = 0;
   o.recipe.rays = 4096;
   o.recipe.one_photo = true;
-  o.recipe.coarse = 0.1f;
+  o.recipe.coarse = 0.1_r;
   o.recipe.epsilon = 1e-8;
   o.recipe.warmup_rate = 0.01;
 }
@@ -81,8 +81,8 @@ void mipnerf360_paper(TrainOptions& o) {
   o.recipe.one_photo = false;
   o.recipe.coarse = 0;
   o.recipe.interlevel = 1;
-  o.recipe.distortion = 0.01f;
-  o.recipe.charbonnier = 0.001f;
+  o.recipe.distortion = 0.01_r;
+  o.recipe.charbonnier = 0.001_r;
   o.recipe.epsilon = 1e-6;
   o.recipe.clip = 0.001;
   o.recipe.near = 0.2;

@@ -107,15 +107,15 @@ void NetworkTrainer::pack() {
 
 // Exponential fall (bmild/nerf: rate 0.1^(t / decay); mip-NeRF: log-linear), after a warm-up along
 // a quarter sine (mip-NeRF's math.py).
-float NetworkTrainer::rate_at(int64_t step) const {
+Real NetworkTrainer::rate_at(int64_t step) const {
   double rise = 1;
   if (options.warmup_steps > 0) {
     const double share =
         std::min(1.0, static_cast<double>(step) / static_cast<double>(options.warmup_steps));
     rise = std::lerp(options.recipe.warmup_rate, 1.0, std::sin(0.5 * 3.14159265358979 * share));
   }
-  return static_cast<float>(options.rate * rate_factor * rise *
-                            std::pow(options.final_rate, progress_at(step)));
+  return static_cast<Real>(options.rate * rate_factor * rise *
+                           std::pow(options.final_rate, progress_at(step)));
 }
 
 void NetworkTrainer::draw_rays() {
@@ -157,7 +157,7 @@ void NetworkTrainer::draw_rays() {
   double weight = 0;
   for (size_t i = 0; i < rays.size(); ++i)
     if (drawn[i]) weight += static_cast<double>(rays[i].scale);
-  const float scale = static_cast<float>(1 / (3 * std::max(weight, 1.0)));
+  const Real scale = static_cast<Real>(1 / (3 * std::max(weight, 1.0)));
   for (size_t i = 0; i < rays.size(); ++i) {
     if (drawn[i]) {
       rays[i].scale *= scale;
@@ -182,12 +182,12 @@ void NetworkTrainer::run_chunks() {
   const int64_t length = recipe.anneal_steps > 0 ? recipe.anneal_steps : options.steps;
   const double share = std::min(
       1.0, static_cast<double>(done) / static_cast<double>(std::max<int64_t>(length - 1, 1)));
-  const float exponent = recipe.anneal ? annealing_exponent(static_cast<float>(share)) : 1.0f;
+  const Real exponent = recipe.anneal ? annealing_exponent(static_cast<Real>(share)) : 1.0_r;
   const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
     NetworkLevels& levels = *workers[static_cast<size_t>(thread)];
-    AlignedArray<float>& sum = accumulators[static_cast<size_t>(a)];
-    std::fill(sum.begin(), sum.end(), 0.0f);
+    AlignedArray<Real>& sum = accumulators[static_cast<size_t>(a)];
+    std::fill(sum.begin(), sum.end(), 0.0_r);
     Sums& s = sums[static_cast<size_t>(a)];
     s = {};
     for (int64_t c = a * per; c < std::min(chunks, (a + 1) * per); ++c) {
@@ -200,7 +200,7 @@ void NetworkTrainer::run_chunks() {
       s.loss += levels.backward(sum.data());
       for (size_t r = 0; r < part.size(); ++r) {
         if (part[r].scale == 0) continue;
-        float rgb[3], opacity;
+        Real rgb[3], opacity;
         levels.pixel(static_cast<int>(r), rgb, opacity);
         for (int k = 0; k < 3; ++k)
           s.squared_error += std::pow(static_cast<double>(rgb[k] - part[r].target[k]), 2);
@@ -216,8 +216,8 @@ void NetworkTrainer::reduce_gradient() {
   const int64_t n = static_cast<int64_t>(gradient.size());
   pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
     const int64_t begin = block * kBlock, end = std::min(n, begin + kBlock);
-    std::fill(gradient.data() + begin, gradient.data() + end, 0.0f);
-    for (const AlignedArray<float>& a : accumulators)
+    std::fill(gradient.data() + begin, gradient.data() + end, 0.0_r);
+    for (const AlignedArray<Real>& a : accumulators)
       for (int64_t i = begin; i < end; ++i) gradient.data()[i] += a.data()[i];
   });
 }
@@ -237,7 +237,7 @@ void NetworkTrainer::clip_gradient() {
                            std::to_string(done + 1) + " is not finite");
     const double norm = std::sqrt(square), most = options.recipe.clip;
     if (!(most > 0) || norm <= most) continue;
-    const float factor = static_cast<float>(most / norm);
+    const Real factor = static_cast<Real>(most / norm);
     for (size_t i = network.begin; i < network.end; ++i) gradient[i] *= factor;
   }
 }
@@ -273,8 +273,8 @@ StepReport NetworkTrainer::step() {
   report.rate = static_cast<double>(rate_at(done));
   AdamStep adam;
   adam.rate = rate_at(done);
-  adam.beta2 = static_cast<float>(options.recipe.beta2);
-  adam.epsilon = static_cast<float>(options.recipe.epsilon);
+  adam.beta2 = static_cast<Real>(options.recipe.beta2);
+  adam.epsilon = static_cast<Real>(options.recipe.epsilon);
   constexpr int64_t kBlock = 1 << 16;
   const int64_t n = static_cast<int64_t>(gradient.size());
   pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
@@ -291,8 +291,8 @@ StepReport NetworkTrainer::step() {
 
 void NetworkTrainer::begin_anew() {
   dense_share = 1;
-  std::fill(m.begin(), m.end(), 0.0f);
-  std::fill(v.begin(), v.end(), 0.0f);
+  std::fill(m.begin(), m.end(), 0.0_r);
+  std::fill(v.begin(), v.end(), 0.0_r);
   field.initialise(options.seed ^ salt);
   pack();
 }

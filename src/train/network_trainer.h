@@ -28,7 +28,7 @@ struct NetworkTrainer final : TrainerImpl {
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;
 
-  float rate_at(int64_t step) const;
+  Real rate_at(int64_t step) const;
   void pack();
   void draw_rays();
   bool skipping() const;  // in the step to come
@@ -37,11 +37,11 @@ struct NetworkTrainer final : TrainerImpl {
   void clip_gradient();
 
   NetworkField field;
-  AlignedArray<float> gradient, m, v;
+  AlignedArray<Real> gradient, m, v;
   AlignedArray<uint16_t> packed;  // of the weights; options.precision kBf16 only
   int rays_per_chunk;
   std::vector<std::unique_ptr<NetworkLevels>> workers;  // one per thread
-  std::vector<AlignedArray<float>> accumulators;
+  std::vector<AlignedArray<Real>> accumulators;
   std::vector<NetworkRay> rays;
   std::vector<uint8_t> drawn;  // whether a ray's draw gave a pixel
   struct Sums {

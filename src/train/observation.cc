@@ -12,7 +12,7 @@ namespace {
 
 // body(tile, squared error) for every ray of a step, in one order.
 template <class Body>
-void each_ray(const RayBatch& batch, const std::vector<float>& errors, const Body& body) {
+void each_ray(const RayBatch& batch, const std::vector<Real>& errors, const Body& body) {
   for (const RayBatch::EmptyRay& ray : batch.empty_rays) body(ray.tile, ray.squared_error);
   for (int c = 0; c < batch.chunks; ++c) {
     const size_t first = static_cast<size_t>(c) * kChunkRays;
@@ -28,8 +28,8 @@ void GridTrainer::observe_samples() {
   for (int c = 0; c < batch.chunks; ++c) {
     const int64_t at = int64_t{c} * kChunkSamples;
     for (int64_t s = at; s < at + batch.samples[static_cast<size_t>(c)]; ++s) {
-      const float seen = -std::expm1(-densities[static_cast<size_t>(s)] *
-                                     batch.cell_width[static_cast<size_t>(s)]);
+      const Real seen = -std::expm1(-densities[static_cast<size_t>(s)] *
+                                    batch.cell_width[static_cast<size_t>(s)]);
       const int64_t cell = batch.cell[static_cast<size_t>(s)];
       field.occupancy.observe(static_cast<int>(cell / cells), cell % cells, seen);
     }
@@ -40,14 +40,14 @@ void GridTrainer::observe_errors() {
   constexpr int64_t kInterval = 64;
   if (errors.keeps_all()) return;
   each_ray(batch, ray_errors,
-           [&](int32_t tile, float squared_error) { errors.observe(tile, squared_error); });
+           [&](int32_t tile, Real squared_error) { errors.observe(tile, squared_error); });
   if ((done + 1) % kInterval == 0) errors.refresh();
 }
 
 // Each ray stands for the pixels that were passed over on the way to it.
 double GridTrainer::mean_squared_error() const {
   double sum = 0, pixels = 0;
-  each_ray(batch, ray_errors, [&](int32_t tile, float squared_error) {
+  each_ray(batch, ray_errors, [&](int32_t tile, Real squared_error) {
     const double weight = errors.keeps_all() ? 1 : 1 / static_cast<double>(errors.chance(tile));
     sum += weight * static_cast<double>(squared_error);
     pixels += weight;
@@ -67,7 +67,7 @@ void GridTrainer::refresh_occupancy() {
   constexpr int64_t kBlock = kChunkSamples;
   pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    alignas(64) float x[kBlock], y[kBlock], z[kBlock], spread[kBlock];
+    alignas(64) Real x[kBlock], y[kBlock], z[kBlock], spread[kBlock];
     int32_t cascade[kBlock];
     int64_t cell[kBlock];
     int n = 0;
@@ -79,7 +79,7 @@ void GridTrainer::refresh_occupancy() {
       const int c = static_cast<int>(at / grid.cells());
       const int64_t in = at % grid.cells();
       if (grid.is_off(c, in)) continue;
-      const float w = grid.cell_width(c);
+      const Real w = grid.cell_width(c);
       const Vec3 corner = grid.cell_corner(in, c);
       const Vec3 g = field.grid_position(
           corner + Vec3{random.uniform() * w, random.uniform() * w, random.uniform() * w});
@@ -91,9 +91,9 @@ void GridTrainer::refresh_occupancy() {
       ++n;
     }
     if (n == 0) return;
-    std::fill(x + n, x + round_up(n, kLane), 0.5f);
-    std::fill(y + n, y + round_up(n, kLane), 0.5f);
-    std::fill(z + n, z + round_up(n, kLane), 0.5f);
+    std::fill(x + n, x + round_up(n, kLane), 0.5_r);
+    std::fill(y + n, y + round_up(n, kLane), 0.5_r);
+    std::fill(z + n, z + round_up(n, kLane), 0.5_r);
     // As wide as the pixels' cones are in the mean: finer detail than that was never seen.
     std::fill(spread, spread + kBlock, batch.mean_spread);
     encode(field, x, y, z, field.options.antialias ? spread : nullptr, n, chunk.data(tape.features),
@@ -102,11 +102,11 @@ void GridTrainer::refresh_occupancy() {
     chunk.samples = n;
     chunk.rays = 0;
     tape.forward_density(chunk);
-    const float* density = chunk.data(tape.density);
+    const Real* density = chunk.data(tape.density);
     for (int k = 0; k < n; ++k)
       grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
   });
-  grid.rebuild(static_cast<float>(options.occupancy_threshold), &pool);
+  grid.rebuild(static_cast<Real>(options.occupancy_threshold), &pool);
 }
 
 }  // namespace nerf

@@ -25,7 +25,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     const std::filesystem::path file =
         view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
     files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
-    weights_.push_back(static_cast<float>(view.scale * view.scale));
+    weights_.push_back(static_cast<Real>(view.scale * view.scale));
     weight += static_cast<double>(weights_.back()) *
               static_cast<double>(pixels_before_.back() - pixels_before_[poses_.size() - 1]);
   }
@@ -101,7 +101,7 @@ bool PixelSource::cast(size_t i, Pixel& out) const {
 
 bool PixelSource::read(Pixel& out) const {
   if (out.photo->masked_out(out.x, out.y)) return false;
-  float rgba[4];
+  Real rgba[4];
   out.photo->pixel(out.x, out.y, rgba);
   std::copy(rgba, rgba + 3, out.rgb);
   out.alpha = rgba[3];
@@ -110,22 +110,22 @@ bool PixelSource::read(Pixel& out) const {
 
 RayBatch::RayBatch(int max) : max_chunks(max) {
   const size_t n = static_cast<size_t>(max) * kChunkSamples;
-  x = AlignedArray<float>(n);
-  y = AlignedArray<float>(n);
-  z = AlignedArray<float>(n);
-  spread = AlignedArray<float>(n);
-  delta = AlignedArray<float>(n);
-  middle = AlignedArray<float>(n);
-  width = AlignedArray<float>(n);
+  x = AlignedArray<Real>(n);
+  y = AlignedArray<Real>(n);
+  z = AlignedArray<Real>(n);
+  spread = AlignedArray<Real>(n);
+  delta = AlignedArray<Real>(n);
+  middle = AlignedArray<Real>(n);
+  width = AlignedArray<Real>(n);
   cell = AlignedArray<int32_t>(n);
-  cell_width = AlignedArray<float>(n);
+  cell_width = AlignedArray<Real>(n);
   samples.resize(static_cast<size_t>(max));
   rays.resize(static_cast<size_t>(max));
   ray_begin.resize(static_cast<size_t>(max) * (kChunkRays + 1));
   const size_t r = static_cast<size_t>(max) * 3 * kChunkRays;
-  direction = AlignedArray<float>(r);
-  background = AlignedArray<float>(r);
-  target = AlignedArray<float>(r);
+  direction = AlignedArray<Real>(r);
+  background = AlignedArray<Real>(r);
+  target = AlignedArray<Real>(r);
   tile.resize(static_cast<size_t>(max) * kChunkRays);
   weight.resize(tile.size());
 }
@@ -140,7 +140,7 @@ RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
 
 void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays,
                                int thread) {
-  constexpr float kUncachedShare = 1.0f / 16;  // of rays, which ignore the cached density
+  constexpr Real kUncachedShare = 1.0_r / 16;  // of rays, which ignore the cached density
   Block& block = blocks_[static_cast<size_t>(index)];
   for (auto* v : {&block.x, &block.y, &block.z, &block.spread, &block.delta, &block.middle,
                   &block.width, &block.cell_width})
@@ -167,35 +167,34 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = random.uniform();
-      record.direction[k] = static_cast<float>(pixel.ray.direction[k]);
+      record.direction[k] = static_cast<Real>(pixel.ray.direction[k]);
       record.target[k] = pixel.rgb[k] * pixel.alpha + record.background[k] * (1 - pixel.alpha);
-      const float e = record.background[k] - record.target[k];
+      const Real e = record.background[k] - record.target[k];
       record.squared_error += e * e;
     }
     const bool follow_cache = random.uniform() >= kUncachedShare;
     record.block_begin = static_cast<int>(block.x.size());
     record.count = sampler.sample(pixel.ray, &random, follow_cache, samples);
-    const Vec3 d = pixel.ray.direction.cast<float>();
-    const float radius =
+    const Vec3 d = pixel.ray.direction.cast<Real>();
+    const Real radius =
         field_.options.antialias
-            ? static_cast<float>(pixel_cone_radius(*pixel.camera, {pixel.x + 0.5, pixel.y + 0.5}))
-            : 0.0f;
+            ? static_cast<Real>(pixel_cone_radius(*pixel.camera, {pixel.x + 0.5, pixel.y + 0.5}))
+            : 0.0_r;
     for (int s = 0; s < record.count; ++s) {
       const Vec3 p = sampler.entry() + d * samples.t[static_cast<size_t>(s)];
       const Vec3 g = field_.grid_position(p);
       block.x.push_back(g.x);
       block.y.push_back(g.y);
       block.z.push_back(g.z);
-      const float distance =
-          static_cast<float>(sampler.start()) + samples.t[static_cast<size_t>(s)];
+      const Real distance = static_cast<Real>(sampler.start()) + samples.t[static_cast<size_t>(s)];
       if (intervals_) {
-        const float inverse = 1 / (1 + distance);
+        const Real inverse = 1 / (1 + distance);
         block.middle.push_back(1 - inverse);
         block.width.push_back(samples.delta[static_cast<size_t>(s)] * inverse * inverse);
       }
       if (field_.options.antialias)
         block.spread.push_back(radius > 0 ? cone_spread(radius, distance, field_.grid_scale(p))
-                                          : 0.0f);
+                                          : 0.0_r);
       block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
       const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
       block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
@@ -233,7 +232,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
   }
 }
 
-void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, float samples_per_cell,
+void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell,
                          RayBatch& batch) {
   for (RaySampler& sampler : samplers_) sampler.set_samples_per_cell(samples_per_cell);
   const int64_t blocks = (rays + kBlock - 1) / kBlock;
@@ -290,14 +289,14 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, float sample
     const size_t used = static_cast<size_t>(batch.samples[static_cast<size_t>(c)]);
     const size_t padded = static_cast<size_t>(round_up(static_cast<int64_t>(used), kLane));
     for (size_t s = at + used; s < at + padded; ++s) {
-      batch.x[s] = batch.y[s] = batch.z[s] = 0.5f;
+      batch.x[s] = batch.y[s] = batch.z[s] = 0.5_r;
       batch.spread[s] = batch.delta[s] = 0;
     }
     if (field_.options.antialias)
       for (size_t s = at; s < at + used; ++s) spread += static_cast<double>(batch.spread[s]);
   }
   batch.mean_spread =
-      static_cast<float>(spread / static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
+      static_cast<Real>(spread / static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
 }
 
 }  // namespace nerf

@@ -23,12 +23,12 @@ class PixelSource {
 
   struct Pixel {
     Ray ray;
-    float rgb[3];  // straight colour
-    float alpha;
+    Real rgb[3];  // straight colour
+    Real alpha;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
     int32_t tile = 0;   // of the error map
-    float weight = 1;   // of its error: the area of the pixel
+    Real weight = 1;    // of its error: the area of the pixel
     size_t source = 0;  // the i-th training photo
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
@@ -57,7 +57,7 @@ class PixelSource {
   const std::vector<int>& views_;        // Scene::train
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
-  std::vector<float> weights_;           // of each photo's pixels
+  std::vector<Real> weights_;            // of each photo's pixels
   std::vector<int> files_;               // see file_of()
   int file_count_ = 0;
   double mean_weight_ = 1;
@@ -71,32 +71,32 @@ struct RayBatch {
 
   int max_chunks;
   int chunks = 0;
-  AlignedArray<float> x, y, z;  // grid coordinates, [0, 1]
-  AlignedArray<float> spread;   // of the pixel's cone, see cone_spread(); GridOptions::antialias
-  AlignedArray<float> delta;
+  AlignedArray<Real> x, y, z;  // grid coordinates, [0, 1]
+  AlignedArray<Real> spread;   // of the pixel's cone, see cone_spread(); GridOptions::antialias
+  AlignedArray<Real> delta;
   // Of the samples' intervals in inverse distance, 1 - 1 / (1 + engine units from the camera):
   // [0, 1]. For losses on weights only.
-  AlignedArray<float> middle, width;
+  AlignedArray<Real> middle, width;
   AlignedArray<int32_t> cell;  // occupancy cell: cascade * cells() + cell
-  AlignedArray<float> cell_width;
-  std::vector<int> samples, rays;                     // of each chunk
-  std::vector<int32_t> ray_begin;                     // of each chunk, kChunkRays + 1 entries
-  AlignedArray<float> direction, background, target;  // [chunk][3][kChunkRays]
-  std::vector<int32_t> tile;                          // of the error map, [chunk][kChunkRays]
-  std::vector<float> weight;                          // of the error, [chunk][kChunkRays]
+  AlignedArray<Real> cell_width;
+  std::vector<int> samples, rays;                    // of each chunk
+  std::vector<int32_t> ray_begin;                    // of each chunk, kChunkRays + 1 entries
+  AlignedArray<Real> direction, background, target;  // [chunk][3][kChunkRays]
+  std::vector<int32_t> tile;                         // of the error map, [chunk][kChunkRays]
+  std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
-  float mean_spread = 0;  // over the samples
+  Real mean_spread = 0;  // over the samples
   struct EmptyRay {
     int32_t tile;
-    float squared_error;  // summed over channels
+    Real squared_error;  // summed over channels
   };
   std::vector<EmptyRay> empty_rays;  // those that met no matter
 
-  float* direction_of(int chunk) { return direction.data() + int64_t{chunk} * 3 * kChunkRays; }
-  float* background_of(int chunk) { return background.data() + int64_t{chunk} * 3 * kChunkRays; }
-  float* target_of(int chunk) { return target.data() + int64_t{chunk} * 3 * kChunkRays; }
+  Real* direction_of(int chunk) { return direction.data() + int64_t{chunk} * 3 * kChunkRays; }
+  Real* background_of(int chunk) { return background.data() + int64_t{chunk} * 3 * kChunkRays; }
+  Real* target_of(int chunk) { return target.data() + int64_t{chunk} * 3 * kChunkRays; }
 };
 
 // Draws `rays` rays of the step and fills the batch until it is full.
@@ -105,21 +105,21 @@ class RayBatchMaker {
   // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
                 bool intervals, ThreadPool& pool);
-  void fill(uint64_t seed, int64_t step, int64_t rays, float samples_per_cell, RayBatch& batch);
+  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch);
 
  private:
   struct RayRecord {
     int block_begin = 0, count = 0;  // samples in the block's arrays
     bool valid = false;
-    float direction[3], background[3], target[3];
-    float squared_error = 0;  // against the background alone
-    float weight = 1;
+    Real direction[3], background[3], target[3];
+    Real squared_error = 0;  // against the background alone
+    Real weight = 1;
     int32_t tile = 0;
     int chunk = -1, ray = 0, offset = 0;
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
   struct Block {
-    std::vector<float> x, y, z, spread, delta, middle, width, cell_width;
+    std::vector<Real> x, y, z, spread, delta, middle, width, cell_width;
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };

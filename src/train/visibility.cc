@@ -20,7 +20,7 @@ class AlphaTable {
     std::vector<uint8_t> any(static_cast<size_t>(width_) * static_cast<size_t>(height_));
     for (int y = 0; y < photo.height; ++y)
       for (int x = 0; x < photo.width; ++x) {
-        float rgba[4];
+        Real rgba[4];
         photo.pixel(x, y, rgba);
         // A masked-out pixel says nothing: it may be anything.
         if (rgba[3] > 0 || photo.masked_out(x, y))
@@ -111,7 +111,7 @@ void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, Thr
   if (scene.alpha)
     for (int v : scene.train) tables.emplace_back(photos.photos[static_cast<size_t>(v)]);
 
-  const auto possible = [&](const Vec3& corner, float width) {
+  const auto possible = [&](const Vec3& corner, Real width) {
     const double half = 0.5 * width;
     const Vec3d centre = corner.cast<double>() + Vec3d{half, half, half};
     const double radius = half * std::sqrt(3.0);
@@ -129,7 +129,7 @@ void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, Thr
   pool.parallel_for(grid.cascades() * bricks, [&](int64_t i) {
     const int c = static_cast<int>(i / bricks);
     const int64_t first = i % bricks * 64;
-    const float w = grid.cell_width(c);
+    const Real w = grid.cell_width(c);
     const bool brick = possible(grid.cell_corner(first, c), 4 * w);
     for (int64_t cell = first; cell < first + 64; ++cell)
       // Single cells only where alpha can tell them apart.

@@ -36,9 +36,9 @@ Frame flat_frame(const Camera& camera, const Pose& pose) {
   frame.width = camera.width;
   frame.height = camera.height;
   const size_t n = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
-  frame.rgb.assign(3 * n, 0.2f * static_cast<float>(pose.translation.x));
-  frame.alpha.assign(n, 1.0f);
-  frame.depth_z.assign(n, 1 + static_cast<float>(pose.translation.x));
+  frame.rgb.assign(3 * n, 0.2_r * static_cast<Real>(pose.translation.x));
+  frame.alpha.assign(n, 1.0_r);
+  frame.depth_z.assign(n, 1 + static_cast<Real>(pose.translation.x));
   return frame;
 }
 

@@ -31,7 +31,7 @@ inline std::vector<Rays> ray_layouts() {
 inline constexpr double kUnderflow = 1e-36;
 // The bound of a single element is a worst case, and a loose one behind many layers. The gradient
 // of a whole tensor, as a vector, has the relative error that roundings of random signs leave.
-inline constexpr double kNormError = 2e-6;
+inline constexpr double kNormError = 2e-6 * (kRoundoff / kFloatRoundoff);
 
 inline void check_gradients(const std::string& name, const TapeUnderTest& test,
                             const ScalarFunction& f, const std::vector<Rays>& layouts) {

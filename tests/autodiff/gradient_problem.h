@@ -90,11 +90,11 @@ class Probe : public Operation {
       ASSERT_TRUE(overwrites(i)) << "the probe is the last to read its values";
       for (int row = 0; row < c.tape->rows(inputs()[i]); ++row)
         std::fill_n(c.gradient(inputs()[i]) + row * c.stride(inputs()[i]),
-                    round_up(c.count(inputs()[i]), kLane), 0.0f);
+                    round_up(c.count(inputs()[i]), kLane), 0.0_r);
     }
     each(c, [&](size_t i, int row, int64_t column, size_t at) {
       if (c.tape->needs_gradient(inputs()[i]))
-        c.gradient(inputs()[i])[at] = static_cast<float>(coefficient(i, row, column));
+        c.gradient(inputs()[i])[at] = static_cast<Real>(coefficient(i, row, column));
     });
   }
 
@@ -125,7 +125,7 @@ struct Problem {
           square += v * v;
         }
         if (in.unit)
-          for (double& v : column) v = static_cast<float>(v / std::sqrt(square));
+          for (double& v : column) v = static_cast<Real>(v / std::sqrt(square));
       }
     }
     size_t size = 0;
@@ -220,7 +220,7 @@ inline std::vector<std::vector<Expected>> expected_gradients(const Problem& p,
 // A chunk of noise with the problem's inputs in place.
 struct Run {
   // What stands in the weights' gradients before: backward adds to them.
-  static constexpr float kBefore = 0x1p-10f;
+  static constexpr Real kBefore = 0x1p-10_r;
 
   explicit Run(const Problem& p)
       : problem(p),
@@ -228,8 +228,8 @@ struct Run {
         weights(p.weights.size()),
         weight_gradient(p.weights.size()) {
     Random random(5, 5, 5);
-    for (float& v : chunk.arena) v = uniform(random, -20, 20);
-    for (size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(p.weights[i]);
+    for (Real& v : chunk.arena) v = uniform(random, -20, 20);
+    for (size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<Real>(p.weights[i]);
     for (const LinearWeights& w : p.test.layers)
       for (const size_t at : Problem::places(w)) weight_gradient[at] = kBefore;
     chunk.weights = weights.data();
@@ -241,7 +241,7 @@ struct Run {
       for (size_t s = 0; s < p.values[i].size(); ++s)
         for (size_t r = 0; r < p.values[i][s].size(); ++r)
           chunk.data(p.test.inputs[i])[at(p.test.inputs[i], r, s)] =
-              static_cast<float>(p.values[i][s][r]);
+              static_cast<Real>(p.values[i][s][r]);
   }
 
   size_t at(Value v, size_t row, size_t column) const {
@@ -261,7 +261,7 @@ struct Run {
       int stained = 0;
       for (size_t s = 0; s < static_cast<size_t>(round_up(chunk.count(v), kLane)); ++s)
         for (size_t r = 0; r < rows; ++r) {
-          const float g = chunk.gradient(v)[at(v, r, s)];
+          const Real g = chunk.gradient(v)[at(v, r, s)];
           if (s < used)
             out.back().push_back(g);
           else
@@ -271,7 +271,7 @@ struct Run {
     }
     for (const LinearWeights& w : problem.test.layers) {
       out.emplace_back();
-      AlignedArray<float> rest = weight_gradient;  // what is no weight
+      AlignedArray<Real> rest = weight_gradient;  // what is no weight
       for (const size_t at : Problem::places(w)) {
         out.back().push_back(static_cast<double>(weight_gradient[at]) -
                              static_cast<double>(kBefore));
@@ -279,7 +279,7 @@ struct Run {
       }
       const auto begin = rest.begin() + static_cast<ptrdiff_t>(w.offset);
       const auto stained = std::count_if(begin, begin + static_cast<ptrdiff_t>(w.size()),
-                                         [](float g) { return g != 0; });
+                                         [](Real g) { return g != 0; });
       EXPECT_EQ(stained, 0) << "padding of the weights at " << w.offset;
     }
     return out;
@@ -287,7 +287,7 @@ struct Run {
 
   const Problem& problem;
   Chunk chunk;
-  AlignedArray<float> weights, weight_gradient;
+  AlignedArray<Real> weights, weight_gradient;
 };
 
 }  // namespace gradient_check

@@ -34,7 +34,7 @@ TEST(Gradient, LinearWithBias) {
 // Frequencies up to 2^9, some of them half open.
 TEST(Gradient, FrequencyEncoding) {
   static const std::vector<double> weights{1, 1, 0.75, 0.5, 0.25, 0};
-  static const std::vector<float> as_float(weights.begin(), weights.end());
+  static const std::vector<Real> as_float(weights.begin(), weights.end());
   for (bool identity : {false, true})
     for (Domain domain : {kSamples, kRays})
       check_operation({"frequency_encoding",
@@ -65,7 +65,7 @@ TEST(Gradient, IntegratedEncoding) {
 
 TEST(Gradient, EncodingBesideOtherReaders) {
   static const std::vector<double> weights{1, 1};
-  static const std::vector<float> as_float{1, 1};
+  static const std::vector<Real> as_float{1, 1};
   check_operation({"encoding_shared",
                    {{2, kSamples, true, -2, 2}},
                    {},
@@ -99,7 +99,7 @@ TEST(Gradient, TableRows) {
 
 TEST(Gradient, Softplus) {
   for (double range : {3.0, 60.0})
-    for (float shift : {0.0f, -1.0f})
+    for (Real shift : {0.0_r, -1.0_r})
       check_operation({"softplus",
                        {{2, kSamples, true, -range, range}},
                        {},
@@ -116,7 +116,7 @@ TEST(Gradient, ReluAndScaleShift) {
                    {},
                    [](Tape& t, const Values& v) {
                      const Value a = relu(t, v[0]);
-                     return Values{a, scale_shift(t, v[0], 1.5f, -0.25f), sigmoid(t, a)};
+                     return Values{a, scale_shift(t, v[0], 1.5_r, -0.25_r), sigmoid(t, a)};
                    },
                    80},
                   []<class T>(const Given<T>& v) -> Outputs<T> {
@@ -228,13 +228,13 @@ TEST(Gradient, SquaredAndCharbonnierLoss) {
                      inputs,
                      {},
                      [=](Tape& t, const Values& v) {
-                       charbonnier_loss(t, v[0], v[1], v[2], static_cast<float>(epsilon));
+                       charbonnier_loss(t, v[0], v[1], v[2], static_cast<Real>(epsilon));
                        return Values{};
                      },
                      40},
                     [=]<class T>(const Given<T>& v) -> Outputs<T> {
                       using std::sqrt;
-                      const T square(std::pow(static_cast<double>(static_cast<float>(epsilon)), 2));
+                      const T square(std::pow(static_cast<double>(static_cast<Real>(epsilon)), 2));
                       return {on_columns::pixel_loss(v[0], v[1], v[2],
                                                      [&](T e) { return sqrt(e * e + square); })};
                     });
@@ -254,16 +254,16 @@ TEST(Gradient, AddGradient) {
     chunk.samples = 20;
     chunk.rays = 2;
     chunk.ray_begin = rays.data();
-    std::fill(chunk.arena.begin(), chunk.arena.end(), 0.25f);
+    std::fill(chunk.arena.begin(), chunk.arena.end(), 0.25_r);
     tape.forward(chunk);
-    for (int i = 0; i < 64; ++i) chunk.data(extra)[i] = static_cast<float>(i);
+    for (int i = 0; i < 64; ++i) chunk.data(extra)[i] = static_cast<Real>(i);
     tape.backward(chunk);
-    const float slope = 0.5621765f * 0.4378235f;  // of the sigmoid at 0.25
+    const Real slope = 0.5621765_r * 0.4378235_r;  // of the sigmoid at 0.25
     for (int row = 0; row < 2; ++row)
       for (int s = 0; s < 32; ++s) {
-        const float given = static_cast<float>(row * 32 + s);
-        const float want = s >= 20 ? 0.0f : shared ? given * (1 + slope) : given;
-        EXPECT_NEAR(chunk.gradient(x)[row * 32 + s], want, 1e-5f * want) << row << ' ' << s;
+        const Real given = static_cast<Real>(row * 32 + s);
+        const Real want = s >= 20 ? 0.0_r : shared ? given * (1 + slope) : given;
+        EXPECT_NEAR(chunk.gradient(x)[row * 32 + s], want, 1e-5_r * want) << row << ' ' << s;
       }
   }
 }

@@ -289,13 +289,13 @@ TEST(Gradient, HuberLoss) {
          {{4, kRays, true, -0.2, 1.2}, {3, kRays, false, 0, 1}, {1, kRays, false, 0.01, 1}},
          {},
          [=](Tape& t, const Values& v) {
-           huber_loss(t, v[0], v[1], v[2], static_cast<float>(delta));
+           huber_loss(t, v[0], v[1], v[2], static_cast<Real>(delta));
            return Values{};
          },
          40},
         [=]<class T>(const Given<T>& v) -> Outputs<T> {
           return {on_columns::huber_loss(v[0], v[1], v[2],
-                                         static_cast<double>(static_cast<float>(delta)))};
+                                         static_cast<double>(static_cast<Real>(delta)))};
         });
 }
 
@@ -306,7 +306,7 @@ TEST(Gradient, HuberLossBehindALayer) {
                    {{5, kRays, true}, {3, kRays, false, 0, 1}, {1, kRays, false, 0.01, 1}},
                    w,
                    [](Tape& t, const Values& v) {
-                     huber_loss(t, linear(t, v[0], w[0], kPlain), v[1], v[2], 0.5f);
+                     huber_loss(t, linear(t, v[0], w[0], kPlain), v[1], v[2], 0.5_r);
                      return Values{};
                    },
                    60},

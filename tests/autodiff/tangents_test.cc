@@ -92,7 +92,7 @@ TEST(Tangents, OfProductsAndSums) {
       "tangent_product", 4, 2, {},
       [](Tape& t, const WithTangents& x) {
         const WithTangents a = slice(t, x, 0, 2), b = slice(t, x, 2, 2);
-        return concat(t, multiply(t, a, b), add(t, scale_shift(t, a, -1.5f, 0.25f), b));
+        return concat(t, multiply(t, a, b), add(t, scale_shift(t, a, -1.5_r, 0.25_r), b));
       },
       []<class D>(const Columns<D>& x, const std::vector<D>&) {
         Columns<D> out;
@@ -106,7 +106,7 @@ TEST(Tangents, OfProductsAndSums) {
 
 TEST(Tangents, OfEncodings) {
   static const std::vector<double> weights{1, 1, 0.75, 0.25};
-  static const std::vector<float> as_float(weights.begin(), weights.end());
+  static const std::vector<Real> as_float(weights.begin(), weights.end());
   for (const bool identity : {false, true})
     check_tangents(
         "tangent_encoding", 3, 2, {},
@@ -122,7 +122,7 @@ TEST(Tangents, OfEncodings) {
 // The gradient of density, as a loss on normals sees it: encoding, layers with biases, softplus.
 TEST(Tangents, OfAWholeField) {
   static const std::vector<double> weights{1, 1};
-  static const std::vector<float> as_float{1, 1};
+  static const std::vector<Real> as_float{1, 1};
   static const LinearWeights a{0, 15, 7, true}, b{a.size(), 7, 6, true},
       c{a.size() + b.size(), 6, 1, true};
   check_tangents(

@@ -23,8 +23,8 @@ struct SmallNetwork {
     tape.record(
         std::make_unique<Probe>(std::vector<Value>{y}, tape.output(1, Domain::kRays, {&y, 1})));
     tape.plan();
-    weights = AlignedArray<float>(first.size() + second.size());
-    gradient = AlignedArray<float>(weights.size());
+    weights = AlignedArray<Real>(first.size() + second.size());
+    gradient = AlignedArray<Real>(weights.size());
     Random random(61, 0, 0);
     for (const LinearWeights& w : {first, second})
       for (int j = 0; j < w.out; ++j)
@@ -45,8 +45,8 @@ struct SmallNetwork {
         chunk.data(x)[k * chunk.stride(x) + s] = uniform(random, -1, 1);
   }
 
-  std::vector<float> outputs(const Chunk& chunk) const {
-    std::vector<float> out;
+  std::vector<Real> outputs(const Chunk& chunk) const {
+    std::vector<Real> out;
     for (int k = 0; k < 2; ++k)
       for (int s = 0; s < chunk.samples; ++s) out.push_back(chunk.data(y)[k * chunk.stride(y) + s]);
     return out;
@@ -55,7 +55,7 @@ struct SmallNetwork {
   Tape tape;
   Value x, a, y;
   size_t operations_of_a;
-  AlignedArray<float> weights, gradient;
+  AlignedArray<Real> weights, gradient;
   Rays rays;
 };
 
@@ -72,14 +72,14 @@ TEST(Tape, ReusedChunkGivesTheSameBits) {
   net.fill(used, 64, 1);
   net.tape.forward(used);
   net.tape.backward(used);
-  std::fill(net.gradient.begin(), net.gradient.end(), 0.0f);
+  std::fill(net.gradient.begin(), net.gradient.end(), 0.0_r);
   used.loss = 0;
   net.fill(used, 19, 2);
   net.tape.forward(used);
   net.tape.backward(used);
-  const AlignedArray<float> from_used = net.gradient;
+  const AlignedArray<Real> from_used = net.gradient;
 
-  std::fill(net.gradient.begin(), net.gradient.end(), 0.0f);
+  std::fill(net.gradient.begin(), net.gradient.end(), 0.0_r);
   net.fill(fresh, 19, 2);
   net.tape.forward(fresh);
   net.tape.backward(fresh);
@@ -97,7 +97,7 @@ TEST(Tape, ChunksAreIndependentAndGradientsAddUp) {
   const Rays rays_a{0, 40}, rays_b{0, 24};
   a.ray_begin = rays_a.data();
   b.ray_begin = rays_b.data();
-  AlignedArray<float> ga(net.gradient.size()), gb(net.gradient.size());
+  AlignedArray<Real> ga(net.gradient.size()), gb(net.gradient.size());
   a.weight_gradient = ga.data();
   b.weight_gradient = gb.data();
   net.tape.forward(a);
@@ -105,7 +105,7 @@ TEST(Tape, ChunksAreIndependentAndGradientsAddUp) {
   net.tape.backward(b);
   net.tape.backward(a);
 
-  std::fill(net.gradient.begin(), net.gradient.end(), 0.0f);
+  std::fill(net.gradient.begin(), net.gradient.end(), 0.0_r);
   net.fill(both, 40, 3);
   net.tape.forward(both);
   EXPECT_EQ(net.outputs(both), net.outputs(a));
@@ -126,9 +126,9 @@ TEST(Tape, ForwardOfTheFirstOperationsOnly) {
   Chunk chunk(net.tape);
   net.fill(chunk, 16, 5);
   net.tape.forward(chunk, 0, net.operations_of_a);
-  EXPECT_EQ(net.outputs(chunk), std::vector<float>(32, 0.0f)) << "the second layer did not run";
+  EXPECT_EQ(net.outputs(chunk), std::vector<Real>(32, 0.0_r)) << "the second layer did not run";
   net.tape.forward(chunk);
-  EXPECT_NE(net.outputs(chunk), std::vector<float>(32, 0.0f));
+  EXPECT_NE(net.outputs(chunk), std::vector<Real>(32, 0.0_r));
 }
 
 TEST(Tape, KnowsReadersAndMakers) {
@@ -167,14 +167,14 @@ TEST(Tape, WrongShapesAreBugs) {
   EXPECT_THROW(view_code(tape, tape.input(2, Domain::kRays)), std::logic_error);
   EXPECT_THROW(composite(tape, three, three, one, rays), std::logic_error);
   EXPECT_THROW(composite(tape, one, one, one, rays), std::logic_error);
-  EXPECT_THROW(huber_loss(tape, rays, rays, one, 0.1f), std::logic_error);
+  EXPECT_THROW(huber_loss(tape, rays, rays, one, 0.1_r), std::logic_error);
   // Operations that have no derivative with respect to an input refuse one that wants it.
   EXPECT_THROW(view_code(tape, learned), std::logic_error);
   EXPECT_THROW(composite(tape, one, three, learned_delta, rays), std::logic_error);
   EXPECT_THROW(composite(tape, one, three, one, learned), std::logic_error);
   const Value pixel = tape.input(4, Domain::kRays, true), scale = tape.input(1, Domain::kRays);
-  EXPECT_THROW(huber_loss(tape, pixel, learned, scale, 0.1f), std::logic_error);
-  EXPECT_THROW(huber_loss(tape, pixel, rays, tape.input(1, Domain::kRays, true), 0.1f),
+  EXPECT_THROW(huber_loss(tape, pixel, learned, scale, 0.1_r), std::logic_error);
+  EXPECT_THROW(huber_loss(tape, pixel, rays, tape.input(1, Domain::kRays, true), 0.1_r),
                std::logic_error);
 }
 

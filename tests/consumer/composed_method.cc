@@ -19,11 +19,14 @@
 
 namespace {
 
+using nerf::Real;
+using nerf::operator""_r;
+
 constexpr int kRays = 128, kProposed = 32, kFine = 16;
 
 struct RayInput {
   nerf::Vec3d origin, direction;
-  float target[3];
+  Real target[3];
   nerf::Random random{0, 0, 0};
 };
 
@@ -51,8 +54,8 @@ class Field {
     };
     const auto density_layers = layers({shape_.features(), 32, 16});
     const auto colour_layers = layers({16 + 16, 32, 3});
-    weights_ = gradient_ = m_ = v_ = nerf::AlignedArray<float>(size);
-    table_ = nerf::AlignedArray<float>(shape_.size());
+    weights_ = gradient_ = m_ = v_ = nerf::AlignedArray<Real>(size);
+    table_ = nerf::AlignedArray<Real>(shape_.size());
     table_gradient_ = table_m_ = table_v_ = table_;
     touched_ = nerf::AlignedArray<uint8_t>(shape_.rows);
     row_steps_ = nerf::AlignedArray<uint16_t>(shape_.rows);
@@ -60,13 +63,13 @@ class Field {
     nerf::bias_corrections({}, correction_.data());
 
     nerf::Random random(seed, 0, colour);
-    for (float& x : table_) x = 1e-4f * (2 * random.uniform() - 1);
+    for (Real& x : table_) x = 1e-4_r * (2 * random.uniform() - 1);
     for (const auto* group : {&density_layers, &colour_layers})
       for (const nerf::LinearWeights& w : *group)
         for (int j = 0; j < w.out; ++j)
           for (int k = 0; k < w.in; ++k)
             weights_[w.offset + static_cast<std::size_t>(j * nerf::weight_stride(w.in) + k)] =
-                std::sqrt(6.0f / static_cast<float>(w.in + w.out)) * (2 * random.uniform() - 1);
+                std::sqrt(6.0_r / static_cast<Real>(w.in + w.out)) * (2 * random.uniform() - 1);
 
     features_ = tape_.input(shape_.features(), nerf::Domain::kSamples, /*gradient=*/true);
     delta_ = tape_.input(1, nerf::Domain::kSamples);
@@ -81,7 +84,7 @@ class Field {
       const nerf::Value rgb = sigmoid(
           tape_, mlp(tape_, concat(tape_, h, view_code(tape_, directions_)), colour_layers));
       pixel_ = accumulate(tape_, light_, rgb, background_);
-      charbonnier_loss(tape_, pixel_, target_, scale_, 0.001f);
+      charbonnier_loss(tape_, pixel_, target_, scale_, 0.001_r);
     }
     light_gradient_ = tape_.input(1, nerf::Domain::kSamples);
     add_gradient(tape_, light_, light_gradient_);
@@ -97,19 +100,19 @@ class Field {
 
   // posts: of kRays rays, samples + 1 each.
   void forward(const std::vector<RayInput>& rays, const nerf::IntervalSampler& sampler,
-               const std::vector<float>& posts) {
+               const std::vector<Real>& posts) {
     const std::size_t n = static_cast<std::size_t>(samples_ * kRays);
     for (int r = 0; r < kRays; ++r)
       for (int i = 0; i < samples_; ++i) {
-        const float* post = posts.data() + r * (samples_ + 1) + i;
+        const Real* post = posts.data() + r * (samples_ + 1) + i;
         const double t0 = sampler.distance(post[0]), t1 = sampler.distance(post[1]);
         const RayInput& ray = rays[static_cast<std::size_t>(r)];
         const nerf::Vec3d p = ray.origin + ray.direction * (0.5 * (t0 + t1));
-        const nerf::Vec3 z = nerf::contract(p.cast<float>());
+        const nerf::Vec3 z = nerf::contract(p.cast<Real>());
         const std::size_t s = static_cast<std::size_t>(r * samples_ + i);
         for (int k = 0; k < 3; ++k)
-          position_[static_cast<std::size_t>(k) * n + s] = 0.25f * z[k] + 0.5f;
-        chunk_->data(delta_)[s] = static_cast<float>(t1 - t0);
+          position_[static_cast<std::size_t>(k) * n + s] = 0.25_r * z[k] + 0.5_r;
+        chunk_->data(delta_)[s] = static_cast<Real>(t1 - t0);
       }
     if (colour_)
       for (int k = 0; k < 3; ++k)
@@ -118,10 +121,10 @@ class Field {
           const auto row = [&](nerf::Value v) {
             return chunk_->data(v) + k * chunk_->stride(v) + r;
           };
-          *row(directions_) = static_cast<float>(ray.direction[k]);
+          *row(directions_) = static_cast<Real>(ray.direction[k]);
           *row(background_) = 0;
           *row(target_) = ray.target[k];
-          chunk_->data(scale_)[r] = 1.0f / (3 * kRays);
+          chunk_->data(scale_)[r] = 1.0_r / (3 * kRays);
         }
     each_level([&](const nerf::HashGridLevel& level, int64_t row) {
       nerf::hash_grid_forward(level, table_.data() + level.begin(), axis(0), axis(1), axis(2),
@@ -129,12 +132,12 @@ class Field {
                               chunk_->stride(features_));
     });
     chunk_->loss = 0;
-    std::fill_n(chunk_->data(light_gradient_), n, 0.0f);
+    std::fill_n(chunk_->data(light_gradient_), n, 0.0_r);
     tape_.forward(*chunk_);
   }
 
-  void backward_and_update(float rate) {
-    std::fill(gradient_.begin(), gradient_.end(), 0.0f);
+  void backward_and_update(Real rate) {
+    std::fill(gradient_.begin(), gradient_.end(), 0.0_r);
     tape_.backward(*chunk_);
     each_level([&](const nerf::HashGridLevel& level, int64_t row) {
       nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
@@ -152,9 +155,9 @@ class Field {
                     row_steps_.data(), table_.data(), correction_.data());
   }
 
-  std::span<const float> light(int ray) const { return of_ray(light_, ray); }
-  std::span<float> light_gradient(int ray) {
-    const std::span<const float> s = of_ray(light_gradient_, ray);
+  std::span<const Real> light(int ray) const { return of_ray(light_, ray); }
+  std::span<Real> light_gradient(int ray) {
+    const std::span<const Real> s = of_ray(light_gradient_, ray);
     return {
         chunk_->data(light_gradient_) + (s.data() - std::as_const(*chunk_).data(light_gradient_)),
         s.size()};
@@ -171,10 +174,10 @@ class Field {
   }
 
  private:
-  const float* axis(int k) const {
+  const Real* axis(int k) const {
     return position_.data() + static_cast<std::size_t>(k * samples_ * kRays);
   }
-  std::span<const float> of_ray(nerf::Value v, int ray) const {
+  std::span<const Real> of_ray(nerf::Value v, int ray) const {
     return {std::as_const(*chunk_).data(v) + ray * samples_, static_cast<std::size_t>(samples_)};
   }
   template <class Body>
@@ -190,12 +193,12 @@ class Field {
   bool colour_;
   nerf::HashGridShape shape_;
   nerf::Tape tape_;
-  nerf::AlignedArray<float> position_;  // x, y, z of all samples
-  nerf::AlignedArray<float> weights_, gradient_, m_, v_;
-  nerf::AlignedArray<float> table_, table_gradient_, table_m_, table_v_;
+  nerf::AlignedArray<Real> position_;  // x, y, z of all samples
+  nerf::AlignedArray<Real> weights_, gradient_, m_, v_;
+  nerf::AlignedArray<Real> table_, table_gradient_, table_m_, table_v_;
   nerf::AlignedArray<uint8_t> touched_;
   nerf::AlignedArray<uint16_t> row_steps_;
-  std::vector<float> correction_;
+  std::vector<Real> correction_;
   nerf::Value features_ = 0, delta_ = 0, light_ = 0, light_gradient_ = 0;
   nerf::Value directions_ = 0, background_ = 0, target_ = 0, scale_ = 0, pixel_ = 0;
   std::optional<nerf::Chunk> chunk_;
@@ -219,7 +222,7 @@ std::vector<RayInput> draw_rays(const nerf::Scene& scene, const nerf::PhotoSet& 
     const nerf::Pose pose = scene.to_engine.apply(scene.views[static_cast<std::size_t>(v)].pose);
     ray.origin = pose.translation;
     ray.direction = nerf::normalized(pose.rotation * *direction);
-    float rgba[4];
+    Real rgba[4];
     photo.pixel(x, y, rgba);
     std::copy(rgba, rgba + 3, ray.target);
     rays.push_back(ray);
@@ -242,18 +245,18 @@ ComposedResult train_composed_method(const nerf::Scene& scene, const nerf::Photo
 
   ComposedResult result;
   const int tenth = std::max(1, steps / 10);
-  std::vector<float> coarse(kRays * (kProposed + 1)), fine(kRays * (kFine + 1));
-  const auto posts_of = [](std::vector<float>& posts, int ray, int n) {
-    return std::span<float>(posts).subspan(static_cast<std::size_t>(ray * n),
-                                           static_cast<std::size_t>(n));
+  std::vector<Real> coarse(kRays * (kProposed + 1)), fine(kRays * (kFine + 1));
+  const auto posts_of = [](std::vector<Real>& posts, int ray, int n) {
+    return std::span<Real>(posts).subspan(static_cast<std::size_t>(ray * n),
+                                          static_cast<std::size_t>(n));
   };
   for (int step = 0; step < steps; ++step) {
     std::vector<RayInput> rays = draw_rays(scene, photos, seed, step);
     for (int r = 0; r < kRays; ++r)
       sampler.first(&rays[static_cast<std::size_t>(r)].random, posts_of(coarse, r, kProposed + 1));
     proposal.forward(rays, sampler, coarse);
-    const float exponent =
-        nerf::annealing_exponent(static_cast<float>(step) / static_cast<float>(steps));
+    const Real exponent =
+        nerf::annealing_exponent(static_cast<Real>(step) / static_cast<Real>(steps));
     for (int r = 0; r < kRays; ++r)
       sampler.next(1, posts_of(coarse, r, kProposed + 1), proposal.light(r), exponent,
                    &rays[static_cast<std::size_t>(r)].random, posts_of(fine, r, kFine + 1));
@@ -262,8 +265,8 @@ ComposedResult train_composed_method(const nerf::Scene& scene, const nerf::Photo
     double loss = field.loss();
     for (int r = 0; r < kRays; ++r) {
       const auto edges = posts_of(fine, r, kFine + 1), bounds = posts_of(coarse, r, kProposed + 1);
-      loss += nerf::distortion_loss(edges, field.light(r), 0.01f / kRays, field.light_gradient(r));
-      loss += nerf::interlevel_loss(edges, field.light(r), bounds, proposal.light(r), 1.0f / kRays,
+      loss += nerf::distortion_loss(edges, field.light(r), 0.01_r / kRays, field.light_gradient(r));
+      loss += nerf::interlevel_loss(edges, field.light(r), bounds, proposal.light(r), 1.0_r / kRays,
                                     proposal.light_gradient(r));
     }
     for (auto [part, counts] :
@@ -272,8 +275,8 @@ ComposedResult train_composed_method(const nerf::Scene& scene, const nerf::Photo
       part->squared_error += field.squared_error() / tenth;
       part->loss += loss / tenth;
     }
-    field.backward_and_update(1e-2f);
-    proposal.backward_and_update(1e-2f);
+    field.backward_and_update(1e-2_r);
+    proposal.backward_and_update(1e-2_r);
   }
   return result;
 }

@@ -18,6 +18,8 @@
 
 namespace {
 
+using nerf::Real;
+
 void expect(bool condition, const char* what) {
   if (!condition) throw nerf::Error(what, "consumer");
 }
@@ -90,11 +92,11 @@ void use_training(const char* folder) {
   const nerf::Frame frame = nerf::render(field, camera, pose, {}, pool);
   const auto pixels = static_cast<std::size_t>(camera.width * camera.height);
   expect(frame.rgb.size() == 3 * pixels && frame.depth_z.size() == pixels, "a frame's size");
-  for (const float v : frame.rgb) expect(v >= 0 && v <= 1, "colours lie in [0, 1]");
+  for (const Real v : frame.rgb) expect(v >= 0 && v <= 1, "colours lie in [0, 1]");
 
   const std::vector<nerf::Vec3d> points(3, pose.translation + pose.rotation.column(2));
   const std::vector<nerf::Vec3d> directions(3, pose.rotation.column(2));
-  std::vector<float> density(3), rgb(9);
+  std::vector<Real> density(3), rgb(9);
   field.query(points, directions, density, rgb, pool);
   expect(density[0] >= 0 && density[0] == density[2], "equal points have equal densities");
 

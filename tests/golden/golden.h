@@ -3,10 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <sstream>
 #include <string>
+#include <type_traits>
 #include <vector>
+
+#include "math/worst_error.h"
 
 namespace nerf {
 
@@ -27,6 +31,13 @@ inline std::vector<std::vector<double>> golden_lines(const std::string& file,
   }
   EXPECT_FALSE(out.empty()) << file << " has no line of kind " << kind;
   return out;
+}
+
+// How far a result may be from a golden number of a training. `stated` is of a program in float;
+// one in double rounds as much less, but the files have 12 digits.
+inline double golden_tolerance(double want, double stated) {
+  if (std::is_same_v<Real, float>) return stated;
+  return stated * (kRoundoff / kFloatRoundoff) + 1e-11 * std::fabs(want);
 }
 
 }  // namespace nerf

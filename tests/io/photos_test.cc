@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -53,9 +54,11 @@ class Photos : public ::testing::Test {
 };
 
 std::array<float, 4> pixel_of(const Photo& photo, int x, int y) {
-  std::array<float, 4> rgba;
-  photo.pixel(x, y, rgba.data());
-  return rgba;
+  Real rgba[4];
+  photo.pixel(x, y, rgba);
+  std::array<float, 4> out;
+  std::transform(rgba, rgba + 4, out.begin(), [](Real v) { return static_cast<float>(v); });
+  return out;
 }
 
 TEST_F(Photos, EightBitsStayEightBits) {

@@ -15,13 +15,13 @@ namespace {
 struct State {
   State(size_t n, Random& random) : gradient(n), m(n), v(n), w(n) {
     for (size_t i = 0; i < n; ++i) {
-      gradient[i] = uniform(random, -1, 1) * std::pow(10.0f, uniform(random, -6, 1));
-      m[i] = uniform(random, -1, 1) * 0.1f;
-      v[i] = uniform(random, 1e-3, 1) * 0.1f;
+      gradient[i] = uniform(random, -1, 1) * std::pow(10.0_r, uniform(random, -6, 1));
+      m[i] = uniform(random, -1, 1) * 0.1_r;
+      v[i] = uniform(random, 1e-3, 1) * 0.1_r;
       w[i] = uniform(random, -1, 1);
     }
   }
-  AlignedArray<float> gradient, m, v, w;
+  AlignedArray<Real> gradient, m, v, w;
 };
 
 TEST(Adam, DenseStep) {
@@ -30,7 +30,8 @@ TEST(Adam, DenseStep) {
     Random random(41, 0, 0);
     for (const AdamStep& options :
          {AdamStep{},
-          AdamStep{.rate = 0.3f, .beta1 = 0.8f, .beta2 = 0.999f, .epsilon = 1e-3f, .l2 = 0.01f}})
+          AdamStep{
+              .rate = 0.3_r, .beta1 = 0.8_r, .beta2 = 0.999_r, .epsilon = 1e-3_r, .l2 = 0.01_r}})
       for (int64_t step : {1, 2, 17, 1000, 1000000})
         for (int64_t n : {0, 16, 32, 240}) {
           // 16 more that must not change.
@@ -59,25 +60,25 @@ TEST(Adam, DenseStep) {
 // Weights without any gradient stay where they are: no 0 / 0.
 TEST(Adam, ZeroGradientFromTheStartMovesNothing) {
   for_each_target([&](const std::string&) {
-    AlignedArray<float> g(16), m(16), v(16), w(16);
-    for (float& x : w) x = 0.75f;
+    AlignedArray<Real> g(16), m(16), v(16), w(16);
+    for (Real& x : w) x = 0.75_r;
     adam_dense(AdamStep{}, 1, 16, g.data(), m.data(), v.data(), w.data());
-    for (float x : w) EXPECT_EQ(x, 0.75f);
+    for (Real x : w) EXPECT_EQ(x, 0.75_r);
   });
 }
 
 TEST(Adam, BiasCorrections) {
-  const AdamStep o{.rate = 1, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 0, .l2 = 0};
-  std::vector<float> c(2 * kBiasCorrections);
+  const AdamStep o{.rate = 1, .beta1 = 0.9_r, .beta2 = 0.99_r, .epsilon = 0, .l2 = 0};
+  std::vector<Real> c(2 * kBiasCorrections);
   bias_corrections(o, c.data());
   for (int t = 1; t < kBiasCorrections; ++t) {
     const size_t at = static_cast<size_t>(2 * t);
     const double b1 = o.beta1, b2 = o.beta2;
-    EXPECT_FLOAT_EQ(c[at], static_cast<float>(1 / (1 - std::pow(b1, t)))) << t;
-    EXPECT_FLOAT_EQ(c[at + 1], static_cast<float>(1 / std::sqrt(1 - std::pow(b2, t)))) << t;
+    EXPECT_FLOAT_EQ(c[at], static_cast<Real>(1 / (1 - std::pow(b1, t)))) << t;
+    EXPECT_FLOAT_EQ(c[at + 1], static_cast<Real>(1 / std::sqrt(1 - std::pow(b2, t)))) << t;
   }
-  EXPECT_EQ(c[2 * kBiasCorrections - 2], 1.0f);
-  EXPECT_EQ(c[2 * kBiasCorrections - 1], 1.0f);
+  EXPECT_EQ(c[2 * kBiasCorrections - 2], 1.0_r);
+  EXPECT_EQ(c[2 * kBiasCorrections - 1], 1.0_r);
   EXPECT_TRUE(std::isfinite(c[0]) && std::isfinite(c[1]));
 }
 
@@ -87,8 +88,8 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
   for_each_target([&](const std::string&) {
     Random random(42, 0, 0);
     const AdamStep options{
-        .rate = 0.02f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
-    std::vector<float> correction(2 * kBiasCorrections);
+        .rate = 0.02_r, .beta1 = 0.9_r, .beta2 = 0.99_r, .epsilon = 1e-15_r, .l2 = 1e-3_r};
+    std::vector<Real> correction(2 * kBiasCorrections);
     bias_corrections(options, correction.data());
     for (const size_t features : {size_t{4}, size_t{2}})
       for (int64_t rows : {0, 8, 16, 240}) {
@@ -97,7 +98,7 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
         AlignedArray<uint16_t> steps(touched.size());
         const uint16_t counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
         for (size_t r = 0; r < touched.size(); ++r) {
-          touched[r] = random.uniform() < 0.3f || static_cast<int64_t>(r) >= rows;
+          touched[r] = random.uniform() < 0.3_r || static_cast<int64_t>(r) >= rows;
           steps[r] = counters[random.below(std::size(counters))];
         }
         // A block of eight without any.
@@ -115,7 +116,7 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
             for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
               ASSERT_EQ(
                   std::memcmp((s.*member).data() + features * r,
-                              (before.*member).data() + features * r, features * sizeof(float)),
+                              (before.*member).data() + features * r, features * sizeof(Real)),
                   0)
                   << "row " << r;
             continue;
@@ -146,11 +147,11 @@ TEST(Adam, RowsTouchedEveryStepEqualDense) {
     constexpr size_t kRows = 24, kSize = 4 * kRows;
     constexpr int kSteps = 50;
     const AdamStep options{};
-    std::vector<float> correction(2 * kBiasCorrections);
+    std::vector<Real> correction(2 * kBiasCorrections);
     bias_corrections(options, correction.data());
     State rows(kSize, random);
-    std::fill(rows.m.begin(), rows.m.end(), 0.0f);
-    std::fill(rows.v.begin(), rows.v.end(), 0.0f);
+    std::fill(rows.m.begin(), rows.m.end(), 0.0_r);
+    std::fill(rows.v.begin(), rows.v.end(), 0.0_r);
     State dense = rows;
     AlignedArray<uint8_t> touched(kRows);
     AlignedArray<uint16_t> steps(kRows);
@@ -162,8 +163,8 @@ TEST(Adam, RowsTouchedEveryStepEqualDense) {
                 rows.v.data(), steps.data(), rows.w.data(), correction.data());
       adam_dense(options, step, kSize, dense.gradient.data(), dense.m.data(), dense.v.data(),
                  dense.w.data());
-      ASSERT_EQ(std::memcmp(rows.m.data(), dense.m.data(), kSize * sizeof(float)), 0) << step;
-      ASSERT_EQ(std::memcmp(rows.v.data(), dense.v.data(), kSize * sizeof(float)), 0) << step;
+      ASSERT_EQ(std::memcmp(rows.m.data(), dense.m.data(), kSize * sizeof(Real)), 0) << step;
+      ASSERT_EQ(std::memcmp(rows.v.data(), dense.v.data(), kSize * sizeof(Real)), 0) << step;
     }
     // Each step moves a weight by at most rate (1 - beta1) / sqrt(1 - beta2) = rate (Kingma and Ba,
     // section 2.1), of which two roundings may differ, and each result is rounded once in either.

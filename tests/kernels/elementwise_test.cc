@@ -17,19 +17,19 @@
 namespace nerf {
 namespace {
 
-constexpr float kInf = std::numeric_limits<float>::infinity();
+constexpr Real kInf = std::numeric_limits<Real>::infinity();
 // Results under the smallest normal number may be rounded coarsely or flushed to 0.
-constexpr double kTiny = std::numeric_limits<float>::min();
+constexpr double kTiny = std::numeric_limits<Real>::min();
 // Highway states 1 unit in the last place for Exp and 4 for Expm1; a unit is at most two roundoffs.
 constexpr double kExpError = 2 * kRoundoff, kExpm1Error = 8 * kRoundoff;
 
 // Numbers over the whole range and at every place where a function changes its form.
-std::vector<float> arguments() {
-  std::vector<float> out = {0.0f, -0.0f, 1e-30f, -1e-30f, 1e-7f, -1e-7f};
-  for (float kink :
-       {15.0f, 30.0f, 80.0f, 88.0f, 88.8f, 104.0f, 127.0f, 178.0f, 200.0f, 1000.0f, 1e30f})
-    for (float sign : {-1.0f, 1.0f})
-      for (float at : {std::nextafter(kink, 0.0f), kink, std::nextafter(kink, kInf)})
+std::vector<Real> arguments() {
+  std::vector<Real> out = {0.0_r, -0.0_r, 1e-30_r, -1e-30_r, 1e-7_r, -1e-7_r};
+  for (Real kink : {15.0_r, 30.0_r, 80.0_r, 88.0_r, 88.8_r, 104.0_r, 127.0_r, 178.0_r, 200.0_r,
+                    1000.0_r, 1e30_r})
+    for (Real sign : {-1.0_r, 1.0_r})
+      for (Real at : {std::nextafter(kink, 0.0_r), kink, std::nextafter(kink, kInf)})
         out.push_back(sign * at);
   Random random(23, 0, 0);
   for (double width : {1e-3, 1.0, 20.0, 110.0})
@@ -37,17 +37,17 @@ std::vector<float> arguments() {
   return out;
 }
 
-Matrix row_of(const std::vector<float>& values) {
+Matrix row_of(const std::vector<Real>& values) {
   Matrix m(1, static_cast<int64_t>(values.size()));
   for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5f;
+    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
   return m;
 }
 
 TEST(Elementwise, TruncatedExp) {
   WorstError forward("forward"), backward("backward");
   for_each_target([&](const std::string&) {
-    std::vector<float> values = arguments();
+    std::vector<Real> values = arguments();
     values.insert(values.end(), {-kInf, kInf});
     const Matrix x = row_of(values);
     Random random(24, 0, 0);
@@ -76,7 +76,7 @@ TEST(Elementwise, TruncatedExp) {
 TEST(Elementwise, Sigmoid) {
   WorstError forward("forward"), backward("backward");
   for_each_target([&](const std::string&) {
-    std::vector<float> values = arguments();
+    std::vector<Real> values = arguments();
     values.insert(values.end(), {-kInf, kInf});
     const Matrix x = row_of(values);
     Random random(25, 0, 0);
@@ -109,7 +109,7 @@ TEST(Elementwise, SoftplusAndRelu) {
     const Matrix x = row_of(arguments());
     Random random(28, 0, 0);
     const Matrix dy(1, x.n, random, -2, 2, Matrix::Padding::kZero);
-    for (float shift : {0.0f, -1.0f}) {
+    for (Real shift : {0.0_r, -1.0_r}) {
       Matrix y(1, x.n), dx(1, x.n), r(1, x.n);
       softplus_forward(x.n, shift, x.data.data(), y.data.data());
       softplus_backward(x.n, shift, x.data.data(), dy.data.data(), dx.data.data());
@@ -128,7 +128,7 @@ TEST(Elementwise, SoftplusAndRelu) {
             (kExpError + 3 * kRoundoff + kRoundoff * std::fabs(at)) * std::fabs(slope * g) +
                 2 * kTiny,
             "x", x.at(0, i));
-        EXPECT_EQ(r.at(0, i), std::max(x.at(0, i), 0.0f));
+        EXPECT_EQ(r.at(0, i), std::max(x.at(0, i), 0.0_r));
       }
       y.expect_untouched_beyond_padding();
       dx.expect_untouched_beyond_padding();
@@ -145,13 +145,14 @@ TEST(Elementwise, Opacity) {
   WorstError worst("opacity");
   for_each_target([&](const std::string&) {
     Random random(26, 0, 0);
-    std::vector<float> densities, deltas;
+    std::vector<Real> densities, deltas;
     for (double exponent = -12; exponent <= 12; exponent += 0.05) {
-      densities.push_back(static_cast<float>(std::pow(10.0, exponent)));
+      densities.push_back(static_cast<Real>(std::pow(10.0, exponent)));
       deltas.push_back(uniform(random, 1e-4, 2));
     }
-    densities.insert(densities.end(), {0.0f, 3.0f, 1e13f, 1e38f, 80.0f, 79.9f, 104.0f, 1e4f});
-    deltas.insert(deltas.end(), {1.0f, 0.0f, 4.0f, 0.5f, 1.0f, 1.0f, 1.0f, 1.0f});
+    densities.insert(densities.end(),
+                     {0.0_r, 3.0_r, 1e13_r, 1e38_r, 80.0_r, 79.9_r, 104.0_r, 1e4_r});
+    deltas.insert(deltas.end(), {1.0_r, 0.0_r, 4.0_r, 0.5_r, 1.0_r, 1.0_r, 1.0_r, 1.0_r});
     const Matrix density = row_of(densities), delta = row_of(deltas);
     Matrix alpha(1, density.n);
     opacity(density.n, density.data.data(), delta.data.data(), alpha.data.data());
@@ -159,8 +160,8 @@ TEST(Elementwise, Opacity) {
       const double want = reference::opacity<double>(density.at(0, i), delta.at(0, i));
       worst.compare(alpha.at(0, i), want, (kExpm1Error + kRoundoff) * want + kTiny, "density",
                     density.at(0, i), "delta", delta.at(0, i));
-      EXPECT_LE(alpha.at(0, i), 1.0f);
-      EXPECT_GE(alpha.at(0, i), 0.0f);
+      EXPECT_LE(alpha.at(0, i), 1.0_r);
+      EXPECT_GE(alpha.at(0, i), 0.0_r);
     }
     alpha.expect_untouched_beyond_padding();
   });
@@ -201,9 +202,9 @@ TEST(Elementwise, EveryCount) {
 TEST(SphericalHarmonics, MatchTemplateAndGolden) {
   WorstError worst("template"), golden("golden");
   for (const std::vector<double>& v : golden_lines("encodings.txt", "harmonics")) {
-    const std::array<float, 3> d{static_cast<float>(v[0]), static_cast<float>(v[1]),
-                                 static_cast<float>(v[2])};
-    float out[kSphericalHarmonics];
+    const std::array<Real, 3> d{static_cast<Real>(v[0]), static_cast<Real>(v[1]),
+                                static_cast<Real>(v[2])};
+    Real out[kSphericalHarmonics];
     spherical_harmonics(d[0], d[1], d[2], out);
     const auto want = reference::spherical_harmonics<double>(d[0], d[1], d[2]);
     for (size_t i = 0; i < 16; ++i) {

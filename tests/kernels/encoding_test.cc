@@ -17,20 +17,21 @@ constexpr double kSineError = 4 * kRoundoff;
 // An exponent up to 100 in size has an error of one roundoff of itself, Exp itself one unit.
 constexpr double kDampingError = (1 + 2 + 100) * kRoundoff;
 
-Matrix row_of(const std::vector<float>& values) {
+Matrix row_of(const std::vector<Real>& values) {
   Matrix m(1, static_cast<int64_t>(values.size()));
   for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5f;
+    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
   return m;
 }
 
 // Dense around zero and multiples of a quarter turn, where one of the two results is tiny, and over
 // all sizes up to far beyond what the reduction's constants reach.
-std::vector<float> arguments() {
-  std::vector<float> out = {0.0f, -0.0f, 1e-30f, 1e-10f, 0x1p20f, std::nextafter(0x1p20f, 1e9f)};
+std::vector<Real> arguments() {
+  std::vector<Real> out = {0.0_r,   -0.0_r,   1e-30_r,
+                           1e-10_r, 0x1p20_r, std::nextafter(0x1p20_r, 1e9_r)};
   for (int quarter = -600; quarter <= 600; ++quarter) {
-    const float at = static_cast<float>(quarter * 1.5707963267948966);
-    for (float x : {std::nextafter(at, -1e9f), at, std::nextafter(at, 1e9f)}) out.push_back(x);
+    const Real at = static_cast<Real>(quarter * 1.5707963267948966);
+    for (Real x : {std::nextafter(at, -1e9_r), at, std::nextafter(at, 1e9_r)}) out.push_back(x);
   }
   Random random(31, 0, 0);
   for (double width : {1e-3, 1.0, 100.0, 1e5, 1e6, 1e9, 1e15})
@@ -42,7 +43,7 @@ TEST(SineCosine, EveryArgument) {
   WorstError worst("sine_cosine");
   for_each_target([&](const std::string&) {
     const Matrix x = row_of(arguments());
-    for (float frequency : {1.0f, 0.25f, 0x1p15f}) {
+    for (Real frequency : {1.0_r, 0.25_r, 0x1p15_r}) {
       Matrix s(1, x.n), c(1, x.n);
       sine_cosine_forward(x.n, x.data.data(), nullptr, frequency, 1, s.data.data(), c.data.data());
       for (int64_t i = 0; i < x.n; ++i) {
@@ -65,9 +66,9 @@ TEST(SineCosine, EveryArgument) {
 TEST(SineCosine, SmallResultsKeepTheirDigits) {
   WorstError worst("small_results");
   for_each_target([&](const std::string&) {
-    std::vector<float> values;
+    std::vector<Real> values;
     for (int half = -2000; half <= 2000; ++half)
-      values.push_back(static_cast<float>(half * 3.14159265358979323846));
+      values.push_back(static_cast<Real>(half * 3.14159265358979323846));
     const Matrix x = row_of(values);
     Matrix s(1, x.n), c(1, x.n);
     sine_cosine_forward(x.n, x.data.data(), nullptr, 1, 1, s.data.data(), c.data.data());
@@ -86,8 +87,8 @@ TEST(SineCosine, DampedByVarianceAndWeight) {
     Random random(32, 0, 0);
     for (double spread : {1e-9, 1e-3, 1.0, 1e6, 1e30}) {
       const Matrix x(1, 240, random, -3, 3), variance(1, 240, random, 0, spread);
-      for (float frequency : {1.0f, 64.0f, 0x1p15f})
-        for (float weight : {1.0f, 0.3f, 0.0f}) {
+      for (Real frequency : {1.0_r, 64.0_r, 0x1p15_r})
+        for (Real weight : {1.0_r, 0.3_r, 0.0_r}) {
           Matrix s(1, x.n), c(1, x.n);
           sine_cosine_forward(x.n, x.data.data(), variance.data.data(), frequency, weight,
                               s.data.data(), c.data.data());
@@ -110,7 +111,7 @@ TEST(SineCosine, BackwardAddsWhatTheFeaturesSay) {
   for_each_target([&](const std::string&) {
     Random random(33, 0, 0);
     for (int64_t n : kCounts)
-      for (float frequency : {1.0f, 512.0f}) {
+      for (Real frequency : {1.0_r, 512.0_r}) {
         const Matrix s(1, n, random, -1, 1), c(1, n, random, -1, 1);
         const Matrix ds(1, n, random, -1, 1, Matrix::Padding::kZero);
         const Matrix dc(1, n, random, -1, 1, Matrix::Padding::kZero);

@@ -41,10 +41,10 @@ struct Positions {
     for (int i = 0; i < 3 && n > 2; ++i) {
       p.at(i, 0) = 0;
       p.at(i, 1) = 1;
-      p.at(i, 2) = 0.5f;
+      p.at(i, 2) = 0.5_r;
     }
   }
-  const float* row(int i) const { return p.data.data() + i * p.ld; }
+  const Real* row(int i) const { return p.data.data() + i * p.ld; }
   std::array<double, 3> at(int64_t s) const { return {p.at(0, s), p.at(1, s), p.at(2, s)}; }
   Matrix p;
 };
@@ -61,8 +61,8 @@ TEST(HashGrid, Forward) {
   for_each_target([&](const std::string&) {
     Random random(31, 0, 0);
     for (const HashGridLevel& level : levels()) {
-      AlignedArray<float> table(size_of(level));
-      for (float& v : table) v = uniform(random, -1, 1);
+      AlignedArray<Real> table(size_of(level));
+      for (Real& v : table) v = uniform(random, -1, 1);
       const std::vector<double> exact(table.begin(), table.end());
       for (int64_t n : kCounts) {
         const Positions positions(n, random);
@@ -98,11 +98,11 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
         Matrix g(level.features, n, random, -1, 1, Matrix::Padding::kZero);
         for (int64_t s = 0; s < n; s += 3)  // a third of the samples has no gradient
           for (int f = 0; f < level.features; ++f) g.at(f, s) = 0;
-        AlignedArray<float> gradient(size_of(level));
+        AlignedArray<Real> gradient(size_of(level));
         AlignedArray<uint8_t> touched(level.entries);
         // Some rows already hold a gradient from an earlier chunk.
         std::vector<double> want(gradient.size());
-        for (size_t i = 0; i < gradient.size(); i += 7) want[i] = gradient[i] = 0.25f;
+        for (size_t i = 0; i < gradient.size(); i += 7) want[i] = gradient[i] = 0.25_r;
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), n,
                            g.data.data(), g.ld, gradient.data(), touched.data());
 
@@ -144,7 +144,8 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
           }
           if (!touched[row]) {
             for (size_t f = 0; f < features; ++f)
-              ASSERT_EQ(gradient[row * features + f], (row * features + f) % 7 == 0 ? 0.25f : 0.0f)
+              ASSERT_EQ(gradient[row * features + f],
+                        (row * features + f) % 7 == 0 ? 0.25_r : 0.0_r)
                   << "row " << row << " changed but is not flagged";
           }
         }
@@ -165,8 +166,8 @@ TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
         Matrix g(level.features, 48);
         for (int f = 0; f < level.features; ++f)
           for (int64_t s = 0; s < g.padded; ++s)
-            g.at(f, s) = f == feature && s == 21 ? 1e-30f : s % 2 ? 0.0f : -0.0f;
-        AlignedArray<float> gradient(size_of(level));
+            g.at(f, s) = f == feature && s == 21 ? 1e-30_r : s % 2 ? 0.0_r : -0.0_r;
+        AlignedArray<Real> gradient(size_of(level));
         AlignedArray<uint8_t> touched(level.entries);
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), 48,
                            g.data.data(), g.ld, gradient.data(), touched.data());
@@ -174,7 +175,7 @@ TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
         for (uint8_t t : touched) flags += t;
         if (feature < 0) {
           EXPECT_EQ(flags, 0);
-          for (float v : gradient) ASSERT_EQ(v, 0);
+          for (Real v : gradient) ASSERT_EQ(v, 0);
         } else {
           EXPECT_GE(flags, 1);
           EXPECT_LE(flags, 8);
@@ -190,21 +191,21 @@ TEST(HashGrid, CornersMatchGolden) {
   for_each_target([&](const std::string&) {
     for (const std::vector<double>& v : golden_lines("encodings.txt", "corners")) {
       HashGridLevel level;
-      level.scale = static_cast<float>(v[0]);
+      level.scale = static_cast<Real>(v[0]);
       level.resolution = static_cast<uint32_t>(v[1]);
       level.entries = static_cast<uint32_t>(v[2]);
       level.dense = v[3] != 0;
       Matrix p(3, 1), g(level.features, 1);
       for (int i = 0; i < 3; ++i)
         for (int64_t s = 0; s < p.padded; ++s)
-          p.at(i, s) = static_cast<float>(v[4 + static_cast<size_t>(i)]);
+          p.at(i, s) = static_cast<Real>(v[4 + static_cast<size_t>(i)]);
       for (int f = 0; f < level.features; ++f)
-        for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0f : 0.0f;
-      AlignedArray<float> gradient(size_of(level));
+        for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0_r : 0.0_r;
+      AlignedArray<Real> gradient(size_of(level));
       AlignedArray<uint8_t> touched(level.entries);
       hash_grid_backward(level, p.data.data(), p.data.data() + p.ld, p.data.data() + 2 * p.ld, 1,
                          g.data.data(), g.ld, gradient.data(), touched.data());
-      std::vector<std::pair<uint32_t, float>> rows;  // expected sums; corners may share a row
+      std::vector<std::pair<uint32_t, Real>> rows;  // expected sums; corners may share a row
       double flagged = 0, expected = 0;
       for (size_t c = 0; c < 8; ++c) {
         const uint32_t row = static_cast<uint32_t>(v[7 + c]);
@@ -217,7 +218,7 @@ TEST(HashGrid, CornersMatchGolden) {
         }
         EXPECT_EQ(touched[row], 1) << "scale " << v[0] << " corner " << c;
         EXPECT_EQ(gradient[size_t{row} * static_cast<size_t>(level.features)],
-                  static_cast<float>(sum))
+                  static_cast<Real>(sum))
             << "scale " << v[0] << " place " << v[4] << ' ' << v[5] << ' ' << v[6] << " corner "
             << c;
         expected += first;
@@ -243,7 +244,7 @@ TEST(HashGrid, ShapesMatchGolden) {
     for (size_t l = 0; l < shape.levels.size(); ++l) {
       const HashGridLevel& level = shape.levels[l];
       const double* want = &v[4 + 5 * l];
-      EXPECT_FLOAT_EQ(level.scale, static_cast<float>(want[0])) << "level " << l;
+      EXPECT_FLOAT_EQ(level.scale, static_cast<Real>(want[0])) << "level " << l;
       EXPECT_EQ(level.resolution, want[1]) << "level " << l;
       EXPECT_EQ(level.entries, want[2]) << "level " << l;
       EXPECT_EQ(static_cast<double>(level.offset), want[3]) << "level " << l;
@@ -260,12 +261,12 @@ TEST(HashGrid, PositionsThatAreNoNumbersStayInTheTable) {
   for_each_target([&](const std::string&) {
     for (const HashGridLevel& level : levels()) {
       Matrix p(3, 16), features(level.features, 16);
-      const float odd[] = {std::nanf(""), INFINITY, -INFINITY, 1e30f, -1e30f, 1 + 1e-6f};
+      const Real odd[] = {Real{NAN}, INFINITY, -INFINITY, 1e30_r, -1e30_r, 1 + 1e-6_r};
       for (int i = 0; i < 3; ++i)
         for (int64_t s = 0; s < 16; ++s) p.at(i, s) = odd[(s + i * (s / 6)) % 6];
       // A table of exactly the level's size: memory checkers see any row beyond it.
-      AlignedArray<float> table(size_of(level));
-      for (float& v : table) v = 1;
+      AlignedArray<Real> table(size_of(level));
+      for (Real& v : table) v = 1;
       hash_grid_forward(level, table.data(), p.data.data(), p.data.data() + p.ld,
                         p.data.data() + 2 * p.ld, 16, features.data.data(), features.ld);
       for (int64_t s = 0; s < 16; ++s) {

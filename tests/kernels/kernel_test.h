@@ -31,14 +31,14 @@ void for_each_target(const Body& body) {
 inline constexpr int64_t kCounts[] = {0, 1, 15, 16, 17, 240};  // of samples
 inline constexpr int kWidths[] = {1, 3, 5, 16, 31, 64};        // of layers
 
-inline float uniform(Random& random, double low, double high) {
-  return static_cast<float>(low + (high - low) * static_cast<double>(random.uniform()));
+inline Real uniform(Random& random, double low, double high) {
+  return static_cast<Real>(low + (high - low) * static_cast<double>(random.uniform()));
 }
 
 // [rows x n] with a stride beyond n rounded up. Padding columns are finite but not 0 unless they
 // are to be; whatever lies beyond them holds kCanary.
 struct Matrix {
-  static constexpr float kCanary = 12345.678f;
+  static constexpr Real kCanary = 12345.678_r;
   enum class Padding { kNoise, kZero };
 
   Matrix(int r, int64_t count)
@@ -47,18 +47,18 @@ struct Matrix {
         padded(round_up(count, kLane)),
         ld(padded + kLane),
         data(static_cast<size_t>(rows * ld)) {
-    for (float& v : data) v = kCanary;
+    for (Real& v : data) v = kCanary;
   }
   Matrix(int r, int64_t count, Random& random, double low, double high,
          Padding padding = Padding::kNoise)
       : Matrix(r, count) {
     for (int i = 0; i < rows; ++i)
       for (int64_t s = 0; s < padded; ++s)
-        at(i, s) = s < n || padding == Padding::kNoise ? uniform(random, low, high) : 0.0f;
+        at(i, s) = s < n || padding == Padding::kNoise ? uniform(random, low, high) : 0.0_r;
   }
 
-  float& at(int row, int64_t s) { return data[static_cast<size_t>(row * ld + s)]; }
-  float at(int row, int64_t s) const { return data[static_cast<size_t>(row * ld + s)]; }
+  Real& at(int row, int64_t s) { return data[static_cast<size_t>(row * ld + s)]; }
+  Real at(int row, int64_t s) const { return data[static_cast<size_t>(row * ld + s)]; }
 
   std::vector<double> column(int64_t s) const {
     std::vector<double> out;
@@ -75,7 +75,7 @@ struct Matrix {
 
   int rows;
   int64_t n, padded, ld;
-  AlignedArray<float> data;
+  AlignedArray<Real> data;
 };
 
 }  // namespace nerf

@@ -18,7 +18,7 @@
 namespace nerf {
 namespace {
 
-using Floats = std::vector<float>;
+using Floats = std::vector<float>;  // what the units know
 
 // Runs `body(unit)` on every bf16 unit of this processor. Where it has none, bf16 is refused.
 template <class Body>
@@ -80,9 +80,9 @@ struct Layer {
     for (int j = 0; j < out; ++j) bias[static_cast<size_t>(j)] = uniform(random, -1, 1);
     pack_layer(in, out, w.data(), packed.data());
   }
-  float& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+  Real& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
   Floats row(int j) const {
-    const float* from = w.data() + j * weight_stride(in);
+    const Real* from = w.data() + j * weight_stride(in);
     return {from, from + in};
   }
   Floats column(int k) const {
@@ -91,7 +91,7 @@ struct Layer {
     return c;
   }
   int in, out;
-  AlignedArray<float> w, bias;
+  AlignedArray<Real> w, bias;
   AlignedArray<uint16_t> packed;
 };
 
@@ -162,9 +162,9 @@ TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
           for (int64_t s = 0; s < shape.n; ++s) {
             const Floats column = column_of(x, s);
             for (int j = 0; j < shape.out; ++j) {
-              float want = dot(unit, layer.row(j), column);
+              Real want = dot(unit, layer.row(j), column);
               if (with_bias) want += layer.bias[static_cast<size_t>(j)];
-              ASSERT_EQ(y.at(j, s), relu ? std::max(want, 0.0f) : want) << j << ' ' << s;
+              ASSERT_EQ(y.at(j, s), relu ? std::max(want, 0.0_r) : want) << j << ' ' << s;
             }
           }
           for (int j = 0; j < shape.out; ++j)
@@ -183,7 +183,7 @@ TEST(LinearBf16, BackwardInputIsTheTemplateOfTheUnit) {
       const Layer layer(shape, random);
       const Matrix dy(shape.out, shape.n, random, -1, 1, Matrix::Padding::kZero);
       Matrix relu_output(shape.in, shape.n, random, -1, 1);
-      for (float& v : relu_output.data) v = std::max(v, 0.0f);
+      for (Real& v : relu_output.data) v = std::max(v, 0.0_r);
       for (const bool masked : {false, true}) {
         Matrix dx(shape.in, shape.n);
         linear_backward_input_bf16(shape.in, shape.out, layer.packed.data(), dy.data.data(),
@@ -214,17 +214,17 @@ TEST(LinearBf16, BackwardWeightsIsTheTemplateOfTheUnit) {
       const Matrix x(shape.in, shape.n, random, -1, 1);
       const Matrix dy(shape.out, shape.n, random, -1, 1, Matrix::Padding::kZero);
       const Layer start(shape, random);
-      AlignedArray<float> dw = start.w, dbias = start.bias;
+      AlignedArray<Real> dw = start.w, dbias = start.bias;
       linear_backward_weights_bf16(shape.in, shape.out, dy.data.data(), x.data.data(), dy.ld,
                                    shape.n, dw.data(), dbias.data());
       const auto samples = [&](const Matrix& m, int row, size_t from) {
         const size_t end = std::min(from + part, static_cast<size_t>(m.n));
-        const float* data = m.data.data() + row * m.ld;
+        const Real* data = m.data.data() + row * m.ld;
         return Floats(data + from, data + end);
       };
       for (int j = 0; j < shape.out; ++j) {
         for (int k = 0; k < shape.in; ++k) {
-          float want = start.row(j)[static_cast<size_t>(k)];
+          Real want = start.row(j)[static_cast<size_t>(k)];
           for (size_t s = 0; s < static_cast<size_t>(shape.n); s += part)
             want += dot(unit, samples(dy, j, s), samples(x, k, s));
           ASSERT_EQ(dw[static_cast<size_t>(j * weight_stride(shape.in) + k)], want)
@@ -247,8 +247,8 @@ TEST(LinearBf16, BackwardWeightsIsTheTemplateOfTheUnit) {
 // How far operands of 8 bits and sums of 24 are from the exact product: each operand is wrong by at
 // most 2^-8 of it (half a unit in the last of 8 bits, whose unit is at most 2^-7 of the number).
 TEST(LinearBf16, IsWithinTheRoundingOfItsOperandsOfTheExactLayer) {
-  WorstError worst("bf16 forward");
   for_each_unit([&](Bf16Unit) {
+    WorstError worst("bf16_forward");
     Random random(24, 0, 0);
     for (const Shape& shape : {Shape{64, 64, 240}, {256, 256, 48}}) {
       const Layer layer(shape, random);
@@ -271,8 +271,8 @@ TEST(LinearBf16, IsWithinTheRoundingOfItsOperandsOfTheExactLayer) {
                         "sample", s);
         }
     }
+    worst.report();
   });
-  worst.report();
 }
 
 // Infinite and undefined numbers are not lost on the way.
@@ -281,8 +281,8 @@ TEST(LinearBf16, NonFiniteNumbersStaySo) {
     const Shape shape{16, 16, 16};
     Random random(25, 0, 0);
     const Layer layer(shape, random);
-    for (const float bad : {std::numeric_limits<float>::infinity(),
-                            std::numeric_limits<float>::quiet_NaN(), 3.4e38f}) {
+    for (const Real bad : {std::numeric_limits<Real>::infinity(),
+                           std::numeric_limits<Real>::quiet_NaN(), 3.4e38_r}) {
       Matrix x(16, 16, random, 0.5, 1), y(16, 16);
       x.at(3, 5) = bad;
       linear_forward_bf16(16, 16, layer.packed.data(), nullptr, x.data.data(), y.data.data(), x.ld,

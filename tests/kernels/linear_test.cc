@@ -20,17 +20,17 @@ struct Layer {
       : in(i), out(o), w(static_cast<size_t>(o * weight_stride(i))) {
     for (int j = 0; j < out; ++j)
       for (int k = 0; k < in; ++k) {
-        const float v = uniform(random, -1, 1);
+        const Real v = uniform(random, -1, 1);
         w[static_cast<size_t>(j * weight_stride(in) + k)] = v;
         packed.push_back(v);
       }
-    bias = AlignedArray<float>(static_cast<size_t>(round_up(out, kLane)));
+    bias = AlignedArray<Real>(static_cast<size_t>(round_up(out, kLane)));
     for (int j = 0; j < out; ++j) bias[static_cast<size_t>(j)] = uniform(random, -1, 1);
   }
   Vector bias_vector() const { return {bias.begin(), bias.begin() + out}; }
 
   int in, out;
-  AlignedArray<float> w, bias;
+  AlignedArray<Real> w, bias;
   Vector packed;
 };
 
@@ -100,7 +100,7 @@ TEST(Linear, BackwardInput) {
     const Matrix dy(out, n, random, -1, 1, Matrix::Padding::kZero);
     // A layer input that is itself the output of a ReLU: about half of it 0.
     Matrix relu_output(in, n, random, -1, 1);
-    for (float& v : relu_output.data) v = std::max(v, 0.0f);
+    for (Real& v : relu_output.data) v = std::max(v, 0.0_r);
     for (bool masked : {false, true}) {
       Matrix dx(in, n);
       linear_backward_input(in, out, layer.w.data(), dy.data.data(), dx.data.data(), dx.ld, n,
@@ -135,7 +135,7 @@ TEST(Linear, BackwardWeights) {
     const int64_t stride = weight_stride(in);
     const Layer start(in, out, random);
     const bool with_bias = n % 2 == 1;
-    AlignedArray<float> dw = start.w, dbias = start.bias;
+    AlignedArray<Real> dw = start.w, dbias = start.bias;
     linear_backward_weights(in, out, dy.data.data(), x.data.data(), dy.ld, n, dw.data(),
                             with_bias ? dbias.data() : nullptr);
     Vector want = start.packed, size = absolute(start.packed), dx;
@@ -169,8 +169,8 @@ TEST(Linear, ReluBackwardClosesExactlyWhereTheOutputIsZero) {
     Random random(19, 0, 0);
     for (int64_t n : kCounts) {
       Matrix y(5, n, random, -1, 1), dy(5, n, random, -1, 1, Matrix::Padding::kZero);
-      for (float& v : y.data) v = v == Matrix::kCanary ? v : std::max(v, 0.0f);
-      if (n > 2) y.at(0, 0) = 1e-38f, y.at(0, 1) = -0.0f, y.at(0, 2) = 1e30f;
+      for (Real& v : y.data) v = v == Matrix::kCanary ? v : std::max(v, 0.0_r);
+      if (n > 2) y.at(0, 0) = 1e-38_r, y.at(0, 1) = -0.0_r, y.at(0, 2) = 1e30_r;
       const Matrix before = dy;
       relu_backward(5, y.data.data(), dy.data.data(), y.ld, n);
       for (int r = 0; r < 5; ++r)
@@ -184,12 +184,12 @@ TEST(Linear, ReluBackwardClosesExactlyWhereTheOutputIsZero) {
 // The kink from both sides: the smallest positive number passes, 0 and below give exactly 0.
 TEST(Linear, ReluAtItsKink) {
   for_each_target([&](const std::string&) {
-    AlignedArray<float> w(kLane), x(kLane), y(kLane);
+    AlignedArray<Real> w(kLane), x(kLane), y(kLane);
     w[0] = 1;
-    const float inputs[] = {-1e-30f, -0.0f, 0.0f, 1e-30f, -5, 5};
+    const Real inputs[] = {-1e-30_r, -0.0_r, 0.0_r, 1e-30_r, -5, 5};
     std::copy(std::begin(inputs), std::end(inputs), x.begin());
     linear_forward(1, 1, w.data(), nullptr, x.data(), y.data(), kLane, 6, LinearActivation::kRelu);
-    for (size_t i = 0; i < 6; ++i) EXPECT_EQ(y[i], std::max(inputs[i], 0.0f)) << i;
+    for (size_t i = 0; i < 6; ++i) EXPECT_EQ(y[i], std::max(inputs[i], 0.0_r)) << i;
   });
 }
 

@@ -10,20 +10,20 @@ namespace {
 
 TEST(Peak, CountsTheMultiplyAdds) {
   for_each_target([](const std::string&) {
-    float sink = 0;
+    Real sink = 0;
     const int64_t once = fma_loop(1, &sink);
     EXPECT_GT(once, 0);
     EXPECT_EQ(fma_loop(1000, &sink), 1000 * once);
     // All chains have run to 1 in each lane.
-    EXPECT_FLOAT_EQ(sink, static_cast<float>(once / 2));
+    EXPECT_FLOAT_EQ(sink, static_cast<Real>(once / 2));
   });
 }
 
 TEST(Peak, ReadsEveryValueOnce) {
   for_each_target([](const std::string&) {
-    AlignedArray<float> x(3 * kReadUnit);
-    for (size_t i = 0; i < x.size(); ++i) x[i] = static_cast<float>(i);
-    const float n = static_cast<float>(x.size());
+    AlignedArray<Real> x(3 * kReadUnit);
+    for (size_t i = 0; i < x.size(); ++i) x[i] = static_cast<Real>(i);
+    const Real n = static_cast<Real>(x.size());
     EXPECT_EQ(read_loop(static_cast<int64_t>(x.size()), x.data()), n * (n - 1) / 2);
   });
 }
@@ -31,7 +31,7 @@ TEST(Peak, ReadsEveryValueOnce) {
 TEST(Peak, ReadsRowsAllOverTheTable) {
   // The second half of the rows holds ones: about half of the reads meet them.
   constexpr int64_t kRows = 1 << 12, kReads = 1 << 14;
-  AlignedArray<float> table(4 * kRows);
+  AlignedArray<Real> table(4 * kRows);
   for (size_t i = table.size() / 2; i < table.size(); ++i) table[i] = 1;
   for_each_target([&](const std::string&) {
     for (const uint32_t salt : {0u, 12345u}) {

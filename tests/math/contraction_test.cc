@@ -22,14 +22,14 @@ TEST(Contraction, MatchesGoldenValues) {
   for (const std::vector<double>& v : golden_lines("encodings.txt", "contract")) {
     ASSERT_EQ(v.size(), 6u);
     const Vec3d d = contract(Vec3d{v[0], v[1], v[2]});
-    const Vec3 f = contract(Vec3d{v[0], v[1], v[2]}.cast<float>());
+    const auto f = contract(Vec3d{v[0], v[1], v[2]}.cast<float>());
     const auto r = reference::contract<double>({v[0], v[1], v[2]});
     for (int i = 0; i < 3; ++i) {
       const double want = v[static_cast<size_t>(3 + i)];
       in_double.compare(d[i], want, kOps * 0x1p-53 * std::fabs(want), v[0], v[1], v[2], "axis", i);
       // One more rounding: that of the input.
-      in_float.compare(f[i], want, rounding_bound(2 * kOps) * std::fabs(want), v[0], v[1], v[2],
-                       "axis", i);
+      in_float.compare(f[i], want, rounding_bound(2 * kOps, kFloatRoundoff) * std::fabs(want), v[0],
+                       v[1], v[2], "axis", i);
       reference.compare(r[static_cast<size_t>(i)], want, kOps * 0x1p-53 * std::fabs(want), v[0],
                         v[1], v[2], "axis", i);
     }

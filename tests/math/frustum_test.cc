@@ -30,8 +30,8 @@ TEST(Frustum, ConeMatchesExactMoments) {
                         kRoundings * 0x1p-53 * v[static_cast<size_t>(3 + i)], "t0", v[0], "t1",
                         v[1], "moment", i);
       in_float.compare(got_f[i], v[static_cast<size_t>(3 + i)],
-                       kRoundings * kRoundoff * v[static_cast<size_t>(3 + i)], "t0", v[0], "t1",
-                       v[1], "moment", i);
+                       kRoundings * kFloatRoundoff * v[static_cast<size_t>(3 + i)], "t0", v[0],
+                       "t1", v[1], "moment", i);
     }
   }
   in_double.report();
@@ -130,9 +130,10 @@ TEST(Frustum, GaussiansThroughTheContraction) {
     const double r = std::max(1.0, std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]));
     const double slope = 2 / r;  // of the contraction across, its largest
     const double size = (v[6] + v[7]) * slope * slope;
-    variance.compare(d.second, v[12], 4 * kRoundoff * size, "x", v[0], v[1], v[2]);
-    in_float.compare(f.first, v[11], rounding_bound(12) * 2, "x", v[0], v[1], v[2]);
-    in_float.compare(f.second, v[12], rounding_bound(24) * size, "x", v[0], v[1], v[2]);
+    variance.compare(d.second, v[12], 4 * kFloatRoundoff * size, "x", v[0], v[1], v[2]);
+    in_float.compare(f.first, v[11], rounding_bound(12, kFloatRoundoff) * 2, "x", v[0], v[1], v[2]);
+    in_float.compare(f.second, v[12], rounding_bound(24, kFloatRoundoff) * size, "x", v[0], v[1],
+                     v[2]);
   }
   mean.report();
   variance.report();

@@ -40,7 +40,7 @@ TEST(OptionTypes, VectorsAndBoxesReadBack) {
   set_option_text(fields[0], "0.1, 0.25,1", "background");
   set_option_text(fields[1], "-1,-2,-3,4,5,6.5", "bbox");
   set_option_text(fields[2], "0,0,-1", "up");
-  EXPECT_EQ(options.background, (Vec3{0.1f, 0.25f, 1.0f}));
+  EXPECT_EQ(options.background, (Vec3{0.1_r, 0.25_r, 1.0_r}));
   ASSERT_TRUE(options.bbox);
   EXPECT_EQ(options.bbox->min, (Vec3d{-1, -2, -3}));
   EXPECT_EQ(options.bbox->max, (Vec3d{4, 5, 6.5}));

@@ -29,13 +29,13 @@ TEST(Random, UniformAlongEveryPartOfTheKey) {
   for (int along = 0; along < 4; ++along) {
     std::vector<int64_t> bins(256), pairs(1024);
     Random fixed(11, 12, 13);
-    float previous = 0;
+    Real previous = 0;
     double mean = 0;
     for (uint64_t i = 0; i < kDraws; ++i) {
       Random keyed(along == 0 ? i : 7, along == 1 ? i : 8, along == 2 ? i : 9);
-      const float u = along == 3 ? fixed.uniform() : keyed.uniform();
-      ASSERT_GE(u, 0.0f);
-      ASSERT_LT(u, 1.0f);
+      const Real u = along == 3 ? fixed.uniform() : keyed.uniform();
+      ASSERT_GE(u, 0.0_r);
+      ASSERT_LT(u, 1.0_r);
       ++bins[static_cast<size_t>(u * 256)];
       if (i & 1) ++pairs[static_cast<size_t>(previous * 32) * 32 + static_cast<size_t>(u * 32)];
       previous = u;

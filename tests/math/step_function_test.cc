@@ -60,11 +60,12 @@ TEST(StepFunction, PointsMatchGolden) {
         const double share = std::clamp((out_f[i] - low) / (high - low), 0.0, 1.0);
         below += share * (w[b] + 1e-5);
         // Position itself is a float of size 6: what its last place is worth here.
-        if (share > 0 && share < 1) within = 6 * 2 * kRoundoff / (high - low) * (w[b] + 1e-5);
+        if (share > 0 && share < 1) within = 6 * 2 * kFloatRoundoff / (high - low) * (w[b] + 1e-5);
       }
-      in_float.compare(below / total, u[i],
-                       rounding_bound(2.0 * static_cast<double>(m)) + within / total, "m", m, "i",
-                       i);
+      in_float.compare(
+          below / total, u[i],
+          rounding_bound(2.0 * static_cast<double>(m), kFloatRoundoff) + within / total, "m", m,
+          "i", i);
     }
   }
   in_double.report();
@@ -84,7 +85,8 @@ TEST(StepFunction, BlurMatchesGolden) {
     blur_weights<float>(out_f, static_cast<float>(padding), out_f);
     for (size_t i = 0; i < n; ++i) {
       in_double.compare(out[i], want[i], kExact, "n", n, "i", i);
-      in_float.compare(out_f[i], want[i], rounding_bound(2) * want[i], "n", n, "i", i);
+      in_float.compare(out_f[i], want[i], rounding_bound(2, kFloatRoundoff) * want[i], "n", n, "i",
+                       i);
     }
   }
   in_double.report();
@@ -105,7 +107,8 @@ TEST(StepFunction, SharesMatchGolden) {
     EXPECT_EQ(out[n], 1);
     for (size_t i = 0; i <= n; ++i) {
       in_double.compare(out[i], want[i], kExact, "n", n, "i", i);
-      in_float.compare(out_f[i], want[i], rounding_bound(2.0 * static_cast<double>(n) + 3), "n", n,
+      in_float.compare(out_f[i], want[i],
+                       rounding_bound(2.0 * static_cast<double>(n) + 3, kFloatRoundoff), "n", n,
                        "i", i);
       EXPECT_GE(out_f[i], i > 0 ? out_f[i - 1] : 0.0f);
     }
@@ -133,12 +136,13 @@ TEST(StepFunction, DilatedWeightsMatchGolden) {
     for (size_t i = 0; i < 3 * n; ++i) {
       in_double.compare(edges[i], want_e[i], kExact, "edge", i);
       in_double.compare(mass[i], want[i], 100 * kExact, "n", n, "weight", i);
-      in_float.compare(edges_f[i], want_e[i], 2 * kRoundoff, "edge", i);
+      in_float.compare(edges_f[i], want_e[i], 2 * kFloatRoundoff, "edge", i);
       sum += mass_f[i];
       EXPECT_TRUE(std::isfinite(mass_f[i]) && mass_f[i] >= 0);
     }
     const bool empty = *std::max_element(w.begin(), w.end()) == 0;
-    in_float.compare(sum, empty ? 0 : 1, rounding_bound(6.0 * static_cast<double>(n)), "sum", n);
+    in_float.compare(sum, empty ? 0 : 1,
+                     rounding_bound(6.0 * static_cast<double>(n), kFloatRoundoff), "sum", n);
   }
   in_double.report();
   in_float.report();

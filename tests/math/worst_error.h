@@ -10,15 +10,28 @@
 #include <limits>
 #include <sstream>
 #include <string>
+#include <type_traits>
+
+#include "nerf/base/real.h"
 
 namespace nerf {
 
-// Unit roundoff of float: a rounded operation has relative error of at most this.
-inline constexpr double kRoundoff = 0x1p-24;
+// Unit roundoff of float, for templates which a test runs on float in every build.
+inline constexpr double kFloatRoundoff = 0x1p-24;
+// That of Real: a rounded operation has relative error of at most this. Beside double's own, 2^-53,
+// what a test compares with is rounded too, and so is what the library sums in double in either
+// build: sixteen times as much leaves room for both.
+inline constexpr double kRoundoff = std::is_same_v<Real, float> ? kFloatRoundoff : 0x1p-49;
+
+// What a rounding in double adds where the library computes in double in either build: nothing to
+// speak of beside float's, but in double there is no other.
+inline constexpr double kDoubleRoundoff = std::is_same_v<Real, float> ? 0 : 0x1p-52;
 
 // Relative error bound of n rounded operations in a row, n u / (1 - n u) (Higham 2002, lemma 3.1).
 // A sum of n products in any order has an error of at most rounding_bound(n) sum |a| |b|.
-inline double rounding_bound(double n) { return n * kRoundoff / (1 - n * kRoundoff); }
+inline double rounding_bound(double n, double roundoff = kRoundoff) {
+  return n * roundoff / (1 - n * roundoff);
+}
 
 class WorstError {
  public:

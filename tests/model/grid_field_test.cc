@@ -33,7 +33,7 @@ TEST(GridTape, GradientOfTheWholeModel) {
   for (const auto& [density_layers, colour_layers, on_weights] :
        {std::tuple{1, 1, false}, {2, 2, false}, {1, 1, true}}) {
     const GridField field(small_options(density_layers, colour_layers), false, 1);
-    const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1f, .on_weights = on_weights});
+    const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1_r, .on_weights = on_weights});
     TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
     test.specs = {{field.shape.features(), Domain::kSamples, true},
                   {3, Domain::kRays, false, -1, 1, /*unit=*/true},
@@ -51,18 +51,18 @@ TEST(GridTape, GradientOfTheWholeModel) {
       test.layers.insert(test.layers.end(), layers->begin(), layers->end());
     // The longest chain: sums over 21 inputs and widths of 16 there and back, and over the samples.
     test.roundings = 2 * (8 + 16 * density_layers + 21 + 16 * colour_layers) + 60;
-    check_gradients("grid_tape_" + std::to_string(density_layers), test,
-                    [&]<class T>(const Given<T>& v) -> Outputs<T> {
-                      const auto h = on_columns::mlp(v[0], v.weights, field.density_layers);
-                      const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
-                      const auto code = on_columns::view_code(v[1], v.rays);
-                      const auto colour = on_columns::sigmoid(on_columns::mlp(
-                          on_columns::concat(h, code), v.weights, field.colour_layers));
-                      const auto pixel =
-                          on_columns::composite(density, colour, v[2], v[3], v.rays).first;
-                      return {on_columns::huber_loss(pixel, v[4], v[5], static_cast<double>(0.1f))};
-                    },
-                    {{0}, {0, 0, 7, 8, 19}});
+    check_gradients(
+        "grid_tape_" + std::to_string(density_layers), test,
+        [&]<class T>(const Given<T>& v) -> Outputs<T> {
+          const auto h = on_columns::mlp(v[0], v.weights, field.density_layers);
+          const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
+          const auto code = on_columns::view_code(v[1], v.rays);
+          const auto colour = on_columns::sigmoid(
+              on_columns::mlp(on_columns::concat(h, code), v.weights, field.colour_layers));
+          const auto pixel = on_columns::composite(density, colour, v[2], v[3], v.rays).first;
+          return {on_columns::huber_loss(pixel, v[4], v[5], static_cast<double>(0.1_r))};
+        },
+        {{0}, {0, 0, 7, 8, 19}});
   }
 }
 
@@ -86,7 +86,7 @@ TEST(GridTape, PartialForwardsAndWeights) {
     const auto fill = [&](Value value, Columns<double>& columns, double low, double high) {
       for (size_t s = 0; s < columns.size(); ++s)
         for (int r = 0; r < tape.tape.rows(value); ++r) {
-          const float v = uniform(random, low, high);
+          const Real v = uniform(random, low, high);
           columns[s].push_back(v);
           chunk.data(value)[r * chunk.stride(value) + static_cast<int64_t>(s)] = v;
         }
@@ -151,15 +151,15 @@ TEST(GridField, WideConesFadeFineResolutions) {
   const GridField field(options, false, 1);
   Random random(94, 0, 0);
   constexpr int kSamples = 37;
-  AlignedArray<float> spread(64);
+  AlignedArray<Real> spread(64);
   for (int i = 0; i < kSamples; ++i)
-    spread[static_cast<size_t>(i)] = i < 2 ? 0.0f : std::exp2(-14 + 0.4f * static_cast<float>(i));
+    spread[static_cast<size_t>(i)] = i < 2 ? 0.0_r : std::exp2(-14 + 0.4_r * static_cast<Real>(i));
   for (const HashGridLevel& level : field.shape.levels) {
     const Matrix before(level.features, kSamples, random, -1, 1);
     Matrix after = before;
     fade_level(level, spread.data(), kSamples, after.data.data(), after.ld);
     after.expect_untouched_beyond_padding();
-    float last = 1;
+    Real last = 1;
     for (int i = 0; i < kSamples; ++i) {
       const double s = static_cast<double>(spread[static_cast<size_t>(i)]);
       const double x = 1 / (std::sqrt(8.0) * s * static_cast<double>(level.scale));
@@ -170,12 +170,12 @@ TEST(GridField, WideConesFadeFineResolutions) {
         EXPECT_NEAR(got, want * all, 8 * kRoundoff * std::fabs(all)) << s;
         EXPECT_NEAR(got, std::erf(x) * all, 0.0065 * std::fabs(all)) << s;
       }
-      const float share = after.at(0, i) / before.at(0, i);
-      EXPECT_LE(share, last * 1.000001f);
+      const Real share = after.at(0, i) / before.at(0, i);
+      EXPECT_LE(share, last * 1.000001_r);
       last = share;
     }
     EXPECT_EQ(after.at(0, 0), before.at(0, 0));
-    EXPECT_LT(last, 0.15f);
+    EXPECT_LT(last, 0.15_r);
   }
 }
 
@@ -183,7 +183,8 @@ TEST(GridField, WideConesFadeFineResolutions) {
 TEST(GridField, ScaleIsThatOfTheVolume) {
   for (const bool unbounded : {false, true}) {
     const GridField field(small_options(1, 1), unbounded, 1);
-    for (const Vec3& p : {Vec3{0.3f, -0.5f, 0.1f}, {0.9f, 1.1f, -0.4f}, {-7, 3, 2}, {0, 0, 40}}) {
+    for (const Vec3& p :
+         {Vec3{0.3_r, -0.5_r, 0.1_r}, {0.9_r, 1.1_r, -0.4_r}, {-7, 3, 2}, {0, 0, 40}}) {
       constexpr double h = 1e-3;
       Mat3d change;
       for (int i = 0; i < 3; ++i) {
@@ -207,7 +208,7 @@ TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
   options.finest_resolution = 64;
   GridField field(options, false, 1);
   Random random(93, 0, 0);
-  for (float& v : field.table) v = uniform(random, -1, 1);
+  for (Real& v : field.table) v = uniform(random, -1, 1);
   const Matrix places(3, 37, random, 0, 1);
   for_each_target([&](const std::string&) {
     Matrix features(field.shape.features(), 37);
@@ -233,14 +234,14 @@ TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
 
 TEST(GridField, PositionsOnTheGrid) {
   const GridField bounded(small_options(1, 1), false, 1), unbounded(small_options(1, 1), true, 2);
-  EXPECT_EQ(bounded.grid_position({-1, 0, 1}), (Vec3{0, 0.5f, 1}));
-  EXPECT_EQ(bounded.grid_position({0.5f, -0.5f, 0.25f}), (Vec3{0.75f, 0.25f, 0.625f}));
+  EXPECT_EQ(bounded.grid_position({-1, 0, 1}), (Vec3{0, 0.5_r, 1}));
+  EXPECT_EQ(bounded.grid_position({0.5_r, -0.5_r, 0.25_r}), (Vec3{0.75_r, 0.25_r, 0.625_r}));
   // Contracted space reaches from -2 to 2; all of it, and infinity, lies within the grid.
-  EXPECT_EQ(unbounded.grid_position({0.5f, -0.5f, 0}), (Vec3{0.625f, 0.375f, 0.5f}));
-  for (const Vec3& p : {Vec3{3, -4, 12}, Vec3{1e6f, 1, 1}, Vec3{0, -1e18f, 0}}) {
+  EXPECT_EQ(unbounded.grid_position({0.5_r, -0.5_r, 0}), (Vec3{0.625_r, 0.375_r, 0.5_r}));
+  for (const Vec3& p : {Vec3{3, -4, 12}, Vec3{1e6_r, 1, 1}, Vec3{0, -1e18_r, 0}}) {
     const Vec3 g = unbounded.grid_position(p), want = contract(p);
     for (int i = 0; i < 3; ++i) {
-      EXPECT_FLOAT_EQ(g[i], want[i] / 4 + 0.5f);
+      EXPECT_FLOAT_EQ(g[i], want[i] / 4 + 0.5_r);
       EXPECT_GE(g[i], 0);
       EXPECT_LE(g[i], 1);
     }
@@ -251,7 +252,7 @@ TEST(GridField, InitialWeightsFollowTheSeedAndKeepPaddingZero) {
   GridField a(small_options(1, 2), false, 1), b(small_options(1, 2), false, 1),
       c(small_options(1, 2), false, 1);
   a.initialise(1);
-  std::fill(b.weights.begin(), b.weights.end(), 9.0f);  // whatever was there before
+  std::fill(b.weights.begin(), b.weights.end(), 9.0_r);  // whatever was there before
   b.initialise(1);
   c.initialise(2);
   EXPECT_TRUE(std::equal(a.table.begin(), a.table.end(), b.table.begin()));
@@ -259,7 +260,7 @@ TEST(GridField, InitialWeightsFollowTheSeedAndKeepPaddingZero) {
   EXPECT_FALSE(std::equal(a.table.begin(), a.table.end(), c.table.begin()));
   EXPECT_FALSE(std::equal(a.weights.begin(), a.weights.end(), c.weights.begin()));
   double most = 0;
-  for (float v : a.table) most = std::max(most, static_cast<double>(std::fabs(v)));
+  for (Real v : a.table) most = std::max(most, static_cast<double>(std::fabs(v)));
   EXPECT_GT(most, 0);
   EXPECT_LE(most, 1e-4 * (1 + 1e-6));
   for (const auto* layers : {&a.density_layers, &a.colour_layers})

@@ -36,6 +36,11 @@ GridOptions tiny_options() {
   return o;
 }
 
+// The script's numbers are those of float, also where this is compiled for double.
+AdamStep adam_step() {
+  return {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
+}
+
 struct TinyRun {
   TinyRun()
       : field(tiny_options(), false, 1),
@@ -53,13 +58,13 @@ struct TinyRun {
       }
     const auto values = golden_draw(9, field.table.size());
     for (size_t i = 0; i < values.size(); ++i) field.table[i] = (2 * values[i] - 1) / 2;
-    for (auto* a : {&gradient, &m, &v}) *a = AlignedArray<float>(field.weights.size());
+    for (auto* a : {&gradient, &m, &v}) *a = AlignedArray<Real>(field.weights.size());
     for (auto* a : {&table_gradient, &table_m, &table_v})
-      *a = AlignedArray<float>(field.table.size());
+      *a = AlignedArray<Real>(field.table.size());
     touched = AlignedArray<uint8_t>(field.shape.rows);
     row_steps = AlignedArray<uint16_t>(field.shape.rows);
     correction.resize(2 * kBiasCorrections);
-    bias_corrections(AdamStep(), correction.data());
+    bias_corrections(adam_step(), correction.data());
   }
 
   // Element i of a layer, row by row without padding.
@@ -81,11 +86,11 @@ struct TinyRun {
       for (int i = 0; i < places.padded; ++i)
         places.at(k, i) =
             i < n ? (2 * std::floor(1024 * drawn[static_cast<size_t>(k * n + i)]) + 1) / 2048
-                  : 0.5f;
-    const float* x = places.data.data();
-    const float *y = x + places.ld, *z = y + places.ld;
+                  : 0.5_r;
+    const Real* x = places.data.data();
+    const Real *y = x + places.ld, *z = y + places.ld;
 
-    std::fill(gradient.begin(), gradient.end(), 0.0f);
+    std::fill(gradient.begin(), gradient.end(), 0.0_r);
     chunk.weights = field.weights.data();
     chunk.weight_gradient = gradient.data();
     chunk.samples = n;
@@ -105,9 +110,7 @@ struct TinyRun {
           table_gradient.data() + level.begin(), touched.data() + level.offset);
     }
 
-    AdamStep options;
-    options.rate = 0.01f;
-    options.l2 = 1e-3f;
+    AdamStep options = adam_step();
     adam_dense(options, s + 1, static_cast<int64_t>(field.weights.size()), gradient.data(),
                m.data(), v.data(), field.weights.data());
     options.l2 = 0;
@@ -118,20 +121,20 @@ struct TinyRun {
   }
 
   void fill_inputs(uint32_t stream, int n) {
-    const auto put = [&](Value value, const std::vector<float>& values, int columns, auto f) {
+    const auto put = [&](Value value, const std::vector<Real>& values, int columns, auto f) {
       for (int k = 0; k < tape.tape.rows(value); ++k)
         for (int i = 0; i < columns; ++i)
           chunk.data(value)[k * chunk.stride(value) + i] =
               f(values[static_cast<size_t>(k * columns + i)]);
     };
-    const auto same = [](float u) { return u; };
+    const auto same = [](Real u) { return u; };
     put(tape.delta, golden_draw(stream + 12, static_cast<size_t>(n)), n,
-        [](float u) { return u / 4 + 0.0625f; });
+        [](Real u) { return u / 4 + 0.0625_r; });
     for (int i = n; i < round_up(n, kLane); ++i) chunk.data(tape.delta)[i] = 0;
     put(tape.background, golden_draw(stream + 13, 3 * kRays), kRays, same);
     put(tape.target, golden_draw(stream + 14, 3 * kRays), kRays, same);
-    put(tape.scale, std::vector<float>(kRays, static_cast<float>(1.0 / (3 * kRays))), kRays, same);
-    std::vector<float> directions = golden_draw(stream + 11, 3 * kRays);
+    put(tape.scale, std::vector<Real>(kRays, static_cast<float>(1.0 / (3 * kRays))), kRays, same);
+    std::vector<Real> directions = golden_draw(stream + 11, 3 * kRays);
     for (size_t r = 0; r < kRays; ++r) {
       double d[3];
       for (size_t k = 0; k < 3; ++k)
@@ -146,10 +149,10 @@ struct TinyRun {
   GridTape tape;
   Chunk chunk;
   std::vector<LinearWeights> all_layers;
-  AlignedArray<float> gradient, m, v, table_gradient, table_m, table_v;
+  AlignedArray<Real> gradient, m, v, table_gradient, table_m, table_v;
   AlignedArray<uint8_t> touched;
   AlignedArray<uint16_t> row_steps;
-  std::vector<float> correction;
+  std::vector<Real> correction;
 };
 
 TEST(GridTraining, TenStepsMatchTheGoldenRun) {
@@ -165,18 +168,22 @@ TEST(GridTraining, TenStepsMatchTheGoldenRun) {
     ASSERT_EQ(table[0].size(), 2 * run.field.table.size());
     for (int s = 0; s < kSteps; ++s) {
       const auto& want = losses[static_cast<size_t>(s)];
-      loss.compare(run.step(s), want[0], want[1], "step", s);
+      loss.compare(run.step(s), want[0], golden_tolerance(want[0], want[1]), "step", s);
     }
     for (size_t l = 0; l < layers.size(); ++l) {
       const LinearWeights& w = run.all_layers[l];
       ASSERT_EQ(layers[l].size(), static_cast<size_t>(2 * w.in * w.out));
-      for (int i = 0; i < w.in * w.out; ++i)
-        network.compare(run.field.weights[TinyRun::at(w, i)], layers[l][static_cast<size_t>(2 * i)],
-                        layers[l][static_cast<size_t>(2 * i + 1)], "layer", l, "element", i);
+      for (int i = 0; i < w.in * w.out; ++i) {
+        const double want = layers[l][static_cast<size_t>(2 * i)];
+        network.compare(run.field.weights[TinyRun::at(w, i)], want,
+                        golden_tolerance(want, layers[l][static_cast<size_t>(2 * i + 1)]), "layer",
+                        l, "element", i);
+      }
     }
     for (size_t i = 0; i < run.field.table.size(); ++i)
-      rows.compare(run.field.table[i], table[0][2 * i], table[0][2 * i + 1], "row", i / 4,
-                   "feature", i % 4);
+      rows.compare(run.field.table[i], table[0][2 * i],
+                   golden_tolerance(table[0][2 * i], table[0][2 * i + 1]), "row", i / 4, "feature",
+                   i % 4);
     // Rows had steps of their own: some missed one.
     EXPECT_LT(*std::min_element(run.row_steps.begin(), run.row_steps.end()), kSteps);
   });

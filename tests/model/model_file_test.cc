@@ -49,10 +49,10 @@ RadianceField sample_field(bool unbounded = false, int cascades = 1) {
   options.base_resolution = 4;
   options.finest_resolution = 32;
   options.hidden = 16;
-  options.sampler.uniform_share = 0.1f;
+  options.sampler.uniform_share = 0.1_r;
   auto grid = std::make_shared<GridField>(options, unbounded, cascades);
   grid->initialise(3);
-  for (size_t i = 0; i < grid->table.size(); ++i) grid->table[i] *= 1e4f;
+  for (size_t i = 0; i < grid->table.size(); ++i) grid->table[i] *= 1e4_r;
   std::vector<uint8_t> levels(grid->occupancy.levels().size());
   for (size_t i = 0; i < levels.size(); ++i) levels[i] = (i >> 6) % 5 == 0 ? i % 7 : 0;
   grid->occupancy.set_levels(levels);
@@ -109,7 +109,8 @@ TEST(ModelFile, KeepsEverything) {
     EXPECT_EQ(options_to_json(f.options), options_to_json(g.options));
     EXPECT_EQ(f.clip.min, g.clip.min);
     EXPECT_EQ(f.clip.max, g.clip.max);
-    EXPECT_TRUE(std::equal(f.weights.begin(), f.weights.end(), g.weights.begin()));
+    EXPECT_TRUE(std::equal(f.weights.begin(), f.weights.end(), g.weights.begin(),
+                           [](Real a, Real b) { return static_cast<float>(a) == b; }));
     ASSERT_EQ(f.table.size(), g.table.size());
     for (size_t i = 0; i < f.table.size(); ++i)
       ASSERT_NEAR(f.table[i], g.table[i], std::fabs(f.table[i]) / 2048) << i;

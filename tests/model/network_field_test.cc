@@ -38,7 +38,7 @@ TEST(NetworkField, OffAxisDirections) {
   ASSERT_EQ(p.size(), 21u);
   for (size_t i = 0; i < p.size(); ++i) {
     EXPECT_NEAR(length(p[i]), 1, 1e-6);
-    for (size_t j = 0; j < i; ++j) EXPECT_LT(std::fabs(dot(p[i], p[j])), 0.9f);  // 31.7 degrees
+    for (size_t j = 0; j < i; ++j) EXPECT_LT(std::fabs(dot(p[i], p[j])), 0.9_r);  // 31.7 degrees
   }
   // Evenly spread: sum p p^T is a multiple of the identity, 21 / 3.
   for (int a = 0; a < 3; ++a)
@@ -60,13 +60,13 @@ TEST(NetworkField, FirstWeightsFollowTheSeedAndTheirBounds) {
     EXPECT_TRUE(std::equal(a.weights.begin(), a.weights.end(), b.weights.begin()));
     EXPECT_FALSE(std::equal(a.weights.begin(), a.weights.end(), c.weights.begin()));
     const LinearWeights& w = a.networks[0].trunk[1];
-    const float bound =
-        std::sqrt(6.0f / static_cast<float>(kind == Initialisation::kHe ? w.in : w.in + w.out));
-    float largest = 0;
+    const Real bound =
+        std::sqrt(6.0_r / static_cast<Real>(kind == Initialisation::kHe ? w.in : w.in + w.out));
+    Real largest = 0;
     for (size_t i = w.offset; i < w.bias_offset(); ++i)
       largest = std::max(largest, std::fabs(a.weights[i]));
     EXPECT_LE(largest, bound);
-    EXPECT_GT(largest, 0.99f * bound);  // of 65536 draws
+    EXPECT_GT(largest, 0.99_r * bound);  // of 65536 draws
     for (int j = 0; j < w.out; ++j)
       EXPECT_EQ(a.weights[w.bias_offset() + static_cast<size_t>(j)], 0);
     EXPECT_NE(a.weights[a.networks[0].trunk[0].offset], a.weights[a.networks[1].trunk[0].offset]);
@@ -85,15 +85,15 @@ TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
   EXPECT_EQ(trained.parameters(), 9007493u + 4 * 128);
   trained.initialise(1);
   double square = 0;
-  float largest = 0;
+  Real largest = 0;
   for (int j = 0; j < 5; ++j)
     for (int k = 0; k < 4; ++k) {
-      const float c =
+      const Real c =
           trained.weights[trained.codes().offset + static_cast<size_t>(j * weight_stride(4) + k)];
       square += static_cast<double>(c * c);
       largest = std::max(largest, std::fabs(c));
     }
-  EXPECT_LE(largest, std::sqrt(0.75f));
+  EXPECT_LE(largest, std::sqrt(0.75_r));
   // 20 draws of variance 1/4; of their squares the standard deviation is 0.224.
   EXPECT_NEAR(square / 20, 0.25, 4 * 0.224 / std::sqrt(20.0));
 }

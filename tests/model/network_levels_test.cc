@@ -28,19 +28,19 @@ std::vector<NetworkOptions> all_methods() {
           small_network(mipnerf360_options())};
 }
 
-std::vector<NetworkRay> some_rays(int count, float distance) {
+std::vector<NetworkRay> some_rays(int count, Real distance) {
   std::vector<NetworkRay> rays;
   for (int i = 0; i < count; ++i) {
     Random random(9, 0, static_cast<uint64_t>(i));
     NetworkRay ray;
-    Vec3 d{random.uniform() - 0.5f, random.uniform() - 0.5f, -1};
+    Vec3 d{random.uniform() - 0.5_r, random.uniform() - 0.5_r, -1};
     ray.direction = d / length(d);
     ray.origin = ray.direction * -distance;
     ray.view = ray.direction;
-    ray.radius = 0.001f;
+    ray.radius = 0.001_r;
     ray.background = {1, 1, 1};
-    ray.target = {0.2f, 0.4f, 0.6f};
-    ray.scale = 1.0f / static_cast<float>(3 * count);
+    ray.target = {0.2_r, 0.4_r, 0.6_r};
+    ray.scale = 1.0_r / static_cast<Real>(3 * count);
     ray.random = random;
     rays.push_back(ray);
   }
@@ -48,7 +48,7 @@ std::vector<NetworkRay> some_rays(int count, float distance) {
 }
 
 // A network whose only weights are the biases of its heads: the same matter everywhere.
-NetworkField homogeneous(NetworkOptions o, float raw_density, double near, double far) {
+NetworkField homogeneous(NetworkOptions o, Real raw_density, double near, double far) {
   NetworkField field(o, near, far);
   for (const RadianceNetwork& n : field.networks)
     field.weights[n.density.bias_offset()] = raw_density;
@@ -62,13 +62,13 @@ TEST(NetworkLevels, HomogeneousMatter) {
     o.opaque_end = false;
     o.colour_padding = 0;
     if (o.sampling.resampling == Resampling::kCoarseFine) continue;  // its end is endless, below
-    const NetworkField field = homogeneous(o, 0.5f, 1, 3);
+    const NetworkField field = homogeneous(o, 0.5_r, 1, 3);
     const double density = std::log1p(std::exp(0.5 + static_cast<double>(o.density_bias)));
     NetworkLevels levels(field, 4);
     auto rays = some_rays(4, 2);
     levels.forward(rays, 1);
     for (int r = 0; r < 4; ++r) {
-      float rgb[3], opacity;
+      Real rgb[3], opacity;
       levels.pixel(r, rgb, opacity);
       // mip-NeRF draws the outermost posts a little inside.
       const auto posts = levels.posts(levels.levels() - 1, r);
@@ -77,18 +77,18 @@ TEST(NetworkLevels, HomogeneousMatter) {
       EXPECT_GT(way, 1.5);
       const double want = 1 - std::exp(-density * way);
       EXPECT_NEAR(opacity, want, 1e-5);
-      for (const float channel : rgb) EXPECT_NEAR(channel, 1 - 0.5 * want, 1e-5);
+      for (const Real channel : rgb) EXPECT_NEAR(channel, 1 - 0.5 * want, 1e-5);
     }
   }
 }
 
 // NeRF's last interval has no end: any matter there is opaque.
 TEST(NetworkLevels, NerfIsOpaqueAtTheEnd) {
-  const NetworkField field = homogeneous(small_network(nerf_options()), 1e-4f, 1, 3);
+  const NetworkField field = homogeneous(small_network(nerf_options()), 1e-4_r, 1, 3);
   NetworkLevels levels(field, 2);
   auto rays = some_rays(2, 2);
   levels.forward(rays, 1);
-  float rgb[3], opacity;
+  Real rgb[3], opacity;
   levels.pixel(1, rgb, opacity);
   EXPECT_NEAR(opacity, 1, 1e-6);
   EXPECT_NEAR(levels.median_distance(1), 3, 0.2);
@@ -97,20 +97,20 @@ TEST(NetworkLevels, NerfIsOpaqueAtTheEnd) {
 // From any camera, whatever the weights: finite, weights at least 0 with a sum of at most 1.
 TEST(NetworkLevels, NothingIsLostFarAway) {
   for (const NetworkOptions& o : all_methods())
-    for (float distance : {0.0f, 3.0f, 1e5f}) {
+    for (Real distance : {0.0_r, 3.0_r, 1e5_r}) {
       NetworkField field(o, 0.1, 1e6);
       field.initialise(3);
-      for (float& w : field.weights) w *= 3;
-      NetworkLevels levels(field, 3, true, {1, 1, 0.01f, 0.001f, 1});
+      for (Real& w : field.weights) w *= 3;
+      NetworkLevels levels(field, 3, true, {1, 1, 0.01_r, 0.001_r, 1});
       auto rays = some_rays(3, distance);
-      levels.forward(rays, 0.5f);
-      AlignedArray<float> gradient(field.weights.size());
+      levels.forward(rays, 0.5_r);
+      AlignedArray<Real> gradient(field.weights.size());
       EXPECT_TRUE(std::isfinite(levels.backward(gradient.data())));
-      for (const float g : gradient) ASSERT_TRUE(std::isfinite(g));
+      for (const Real g : gradient) ASSERT_TRUE(std::isfinite(g));
       for (int l = 0; l < levels.levels(); ++l)
         for (int r = 0; r < 3; ++r) {
           double sum = 0;
-          for (const float w : levels.weights(l, r)) {
+          for (const Real w : levels.weights(l, r)) {
             ASSERT_GE(w, 0);
             sum += static_cast<double>(w);
           }
@@ -132,7 +132,7 @@ TEST(NetworkLevels, RaysDoNotMeetEachOther) {
     for (int r = 0; r < 5; ++r) {
       std::vector<NetworkRay> one{rays[static_cast<size_t>(r)]};
       alone.forward(one, 1);
-      float a[3], b[3], oa, ob;
+      Real a[3], b[3], oa, ob;
       together.pixel(r, a, oa);
       alone.pixel(0, b, ob);
       EXPECT_EQ(oa, ob);
@@ -147,11 +147,11 @@ TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
   NetworkOptions relu_360 = small_network(mipnerf360_options());
   relu_360.density = DensityActivation::kRelu;
   for (const NetworkOptions& o : {small_network(nerf_options()), relu_360})
-    for (float bias : {-0.2f, -100.0f}) {  // some samples have density; none has
+    for (Real bias : {-0.2_r, -100.0_r}) {  // some samples have density; none has
       NetworkField field(o, 0.5, 4);
       field.initialise(3);
       for (const RadianceNetwork& n : field.networks) field.weights[n.density.bias_offset()] = bias;
-      const NetworkLosses losses{o.proposal_colour ? 1.0f : 0.0f, 1, 0.01f, 0, 0.1f};
+      const NetworkLosses losses{o.proposal_colour ? 1.0_r : 0.0_r, 1, 0.01_r, 0, 0.1_r};
       NetworkLevels whole(field, 5, true, losses), part(field, 5, true, losses);
       ASSERT_TRUE(whole.can_skip());
       auto rays = some_rays(5, 2), again = rays;
@@ -162,7 +162,7 @@ TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
       EXPECT_LT(part.dense_samples(), 0.9 * static_cast<double>(part.all_samples()));
       EXPECT_EQ(part.dense_samples() > 0, bias > -1);
       for (int r = 0; r < 5; ++r) {
-        float a[3], b[3], oa, ob;
+        Real a[3], b[3], oa, ob;
         whole.pixel(r, a, oa);
         part.pixel(r, b, ob);
         EXPECT_EQ(oa, ob);
@@ -170,11 +170,11 @@ TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
         for (int l = 0; l < whole.levels(); ++l)
           EXPECT_TRUE(std::ranges::equal(whole.weights(l, r), part.weights(l, r)));
       }
-      AlignedArray<float> want(field.weights.size()), got(field.weights.size());
+      AlignedArray<Real> want(field.weights.size()), got(field.weights.size());
       const double loss = whole.backward(want.data());
       EXPECT_NEAR(part.backward(got.data()), loss, 1e-12 * loss);
       double largest = 0;
-      for (const float g : want) largest = std::max(largest, std::fabs(static_cast<double>(g)));
+      for (const Real g : want) largest = std::max(largest, std::fabs(static_cast<double>(g)));
       for (size_t i = 0; i < want.size(); ++i)
         ASSERT_NEAR(got[i], want[i], 64 * 0x1p-24 * largest) << i;
     }
@@ -194,10 +194,10 @@ TEST(NetworkRenderer, BakedModelsSkipEmptySpace) {
       for (int sign = 0; sign < 2; ++sign) {
         const int unit = 2 * axis + sign;
         field->weights[in.offset + static_cast<size_t>(unit * weight_stride(in.in) + axis)] =
-            sign ? -1.0f : 1.0f;
+            sign ? -1.0_r : 1.0_r;
         field->weights[n.density.offset + static_cast<size_t>(unit)] = -40;
       }
-    field->weights[n.density.bias_offset()] = 40 * 1.2f - 8;  // the octahedron |p|_1 < 1
+    field->weights[n.density.bias_offset()] = 40 * 1.2_r - 8;  // the octahedron |p|_1 < 1
   }
   ModelInfo info;
   info.method = "composed";
@@ -226,7 +226,7 @@ TEST(NetworkRenderer, BakedModelsSkipEmptySpace) {
                                           static_cast<double>(skipped.rgb[i])));
   // Samples of the fine level stand elsewhere where the coarse level's faint light is missing.
   EXPECT_LT(largest, 0.02);
-  EXPECT_GT(*std::max_element(whole.alpha.begin(), whole.alpha.end()), 0.9f);
+  EXPECT_GT(*std::max_element(whole.alpha.begin(), whole.alpha.end()), 0.9_r);
 }
 
 Camera small_camera() { return test::pinhole(19, 7, 15); }
@@ -236,6 +236,7 @@ TEST(NetworkRenderer, FilesAndThreadsChangeNothing) {
   for (const NetworkOptions& o : all_methods()) {
     auto field = std::make_shared<NetworkField>(o, 0.5, 4);
     field->initialise(5);
+    for (Real& w : field->weights) w = static_cast<float>(w);  // as the file has them
     ModelInfo info;
     info.method = "composed";
     info.alpha = true;
@@ -253,19 +254,19 @@ TEST(NetworkRenderer, FilesAndThreadsChangeNothing) {
     EXPECT_EQ(a.rgb, b.rgb);
     EXPECT_EQ(a.alpha, b.alpha);
     EXPECT_EQ(a.depth_z, b.depth_z);
-    for (const float v : a.rgb) EXPECT_TRUE(v >= 0 && v <= 1);
+    for (const Real v : a.rgb) EXPECT_TRUE(v >= 0 && v <= 1);
 
     std::vector<Vec3d> points, directions;
     for (int i = 0; i < 100; ++i) {
       points.push_back({0.01 * i, 0.3, -0.2});
       directions.push_back({0, 0.6, 0.8});
     }
-    std::vector<float> density(100), rgb(300), density2(100), rgb2(300);
+    std::vector<Real> density(100), rgb(300), density2(100), rgb2(300);
     model.query(points, directions, density, rgb, one);
     loaded.query(points, directions, density2, rgb2, two);
     EXPECT_EQ(density, density2);
     EXPECT_EQ(rgb, rgb2);
-    for (const float d : density) EXPECT_TRUE(std::isfinite(d) && d >= 0);
+    for (const Real d : density) EXPECT_TRUE(std::isfinite(d) && d >= 0);
     EXPECT_NE(density[0], density[99]);
   }
 }

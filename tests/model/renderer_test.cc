@@ -66,20 +66,20 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
   RenderOptions whole, part;
   whole.background = part.background = {0, 0, 0};
   whole.unshaded = 0;
-  part.unshaded = 0.125f;
+  part.unshaded = 0.125_r;
   const Frame a = render(field, camera, pose, whole, pool);
   const Frame b = render(field, camera, pose, part, pool);
   EXPECT_EQ(a.alpha, b.alpha);
   EXPECT_EQ(a.depth_z, b.depth_z);
-  float most = 0;
+  Real most = 0;
   for (size_t i = 0; i < a.rgb.size(); ++i) {
-    EXPECT_NEAR(a.rgb[i], 0.5f * a.alpha[i / 3], 1e-6f);  // the colour is a half everywhere
-    const float missing = a.rgb[i] - b.rgb[i];
-    EXPECT_GE(missing, -1e-6f);
-    EXPECT_LE(missing, 0.5f * part.unshaded + 1e-6f);
+    EXPECT_NEAR(a.rgb[i], 0.5_r * a.alpha[i / 3], 1e-6_r);  // the colour is a half everywhere
+    const Real missing = a.rgb[i] - b.rgb[i];
+    EXPECT_GE(missing, -1e-6_r);
+    EXPECT_LE(missing, 0.5_r * part.unshaded + 1e-6_r);
     most = std::max(most, missing);
   }
-  EXPECT_GT(most, 0.02f);  // something was left out
+  EXPECT_GT(most, 0.02_r);  // something was left out
 }
 
 // Each switch saves work of the kind that it is for, and the counts do not depend on threads.
@@ -108,7 +108,7 @@ TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   EXPECT_EQ(all.colour_evaluations, all.density_evaluations);
 
   RenderOptions unshaded = off;
-  unshaded.unshaded = 0.125f;
+  unshaded.unshaded = 0.125_r;
   EXPECT_EQ(work(unshaded).density_evaluations, all.density_evaluations);
   EXPECT_LT(work(unshaded).colour_evaluations, all.colour_evaluations);
 
@@ -121,14 +121,14 @@ TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   EXPECT_EQ(cached.colour_evaluations, cached.density_evaluations);
 
   RenderOptions stop = cache;
-  stop.min_transmittance = 1e-6f;
+  stop.min_transmittance = 1e-6_r;
   const int64_t stopped = work(stop).segments;
   EXPECT_LT(stopped, cached.segments);
-  stop.min_transmittance = 1e-4f;
+  stop.min_transmittance = 1e-4_r;
   EXPECT_LT(work(stop).segments, stopped);
 
   RenderOptions few = cache;
-  few.sample_factor = 0.5f;
+  few.sample_factor = 0.5_r;
   EXPECT_LT(work(few).density_evaluations, cached.density_evaluations);
 }
 
@@ -145,12 +145,12 @@ TEST(Query, GivesDensityPerInputUnitAndNoneOutside) {
     points.push_back(to_engine.apply_inverse(Vec3d{at * std::cos(a), i % 3 == 0 ? at : -at, at}));
     directions.push_back(normalized(Vec3d{std::sin(a), std::cos(a), 0.3}));
   }
-  std::vector<float> density(points.size()), rgb(3 * points.size());
+  std::vector<Real> density(points.size()), rgb(3 * points.size());
   ThreadPool pool(2);
   field.query(points, directions, density, rgb, pool);
   for (size_t i = 0; i < points.size(); ++i) {
-    EXPECT_EQ(density[i], i % 2 == 0 ? 0.25f : 0.0f) << i;
-    for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5f) << i;
+    EXPECT_EQ(density[i], i % 2 == 0 ? 0.25_r : 0.0_r) << i;
+    for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5_r) << i;
   }
 }
 
@@ -159,7 +159,7 @@ TEST(Query, IsEmptyInCellsThatAreKnownToBe) {
   std::vector<Vec3d> points;
   for (int i = 0; i < 40; ++i) points.push_back({(i + 0.5) / 20 - 1, 0.3, 0.01 * i});
   const std::vector<Vec3d> directions(points.size(), Vec3d{0, 0, 1});
-  std::vector<float> density(points.size()), rgb(3 * points.size());
+  std::vector<Real> density(points.size()), rgb(3 * points.size());
   ThreadPool pool(1);
   field.query(points, directions, density, rgb, pool);
   for (size_t i = 0; i < points.size(); ++i) EXPECT_EQ(density[i], points[i].x > 0 ? 1 : 0) << i;

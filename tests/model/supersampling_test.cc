@@ -24,7 +24,7 @@ int expect_means(const Frame& large, const Frame& mean, int n) {
   for (int y = 0; y < mean.height; ++y)
     for (int x = 0; x < mean.width; ++x) {
       double alpha = 0, rgb[3] = {0, 0, 0};
-      std::vector<float> depths;
+      std::vector<Real> depths;
       for (int i = 0; i < n * n; ++i) {
         const size_t at = static_cast<size_t>((n * y + i / n) * large.width + n * x + i % n);
         alpha += static_cast<double>(large.alpha[at]) / (n * n);
@@ -73,7 +73,7 @@ TEST(Supersampling, AveragesALargerPicture) {
 TEST(Supersampling, IsForEveryKindOfField) {
   auto network = std::make_shared<NetworkField>(test::small_network(test::nerf_options()), 2, 6);
   network->initialise(3);
-  for (float& w : network->weights) w *= 4;
+  for (Real& w : network->weights) w *= 4;
   ModelInfo info;
   info.near = 1e-3;
   info.alpha = true;
@@ -106,7 +106,7 @@ TEST(Supersampling, BandsHoldNoMoreThanAFewMillionPixels) {
     Frame frame{part.width, part.height, {}, {}, {}};
     const size_t pixels = static_cast<size_t>(part.width) * static_cast<size_t>(part.height);
     EXPECT_LE(pixels, size_t{1} << 22);
-    frame.rgb.resize(3 * pixels, 0.5f);
+    frame.rgb.resize(3 * pixels, 0.5_r);
     frame.alpha.resize(pixels);
     frame.depth_z.resize(pixels);
     for (int y = 0; y < part.height; ++y)
@@ -114,8 +114,8 @@ TEST(Supersampling, BandsHoldNoMoreThanAFewMillionPixels) {
         const Vec3d d = *unproject(part, {x + 0.5, y + 0.5});
         const size_t i =
             static_cast<size_t>(y) * static_cast<size_t>(part.width) + static_cast<size_t>(x);
-        frame.alpha[i] = static_cast<float>(d.y);  // which row of the whole picture this is
-        frame.depth_z[i] = static_cast<float>(2 + d.x);
+        frame.alpha[i] = static_cast<Real>(d.y);  // which row of the whole picture this is
+        frame.depth_z[i] = static_cast<Real>(2 + d.x);
       }
     frame.statistics.rays = static_cast<int64_t>(pixels);
     return frame;

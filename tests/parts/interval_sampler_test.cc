@@ -9,7 +9,7 @@
 namespace nerf {
 namespace {
 
-using Floats = std::vector<float>;
+using Floats = std::vector<Real>;
 
 IntervalOptions options_of(Resampling resampling, Spacing spacing, int rounds = 1) {
   IntervalOptions o;
@@ -40,8 +40,8 @@ constexpr Resampling kAll[] = {Resampling::kCoarseFine, Resampling::kBlurred,
 
 // Whatever the weights are: sorted, between near and far, the number asked for, from the key alone.
 TEST(IntervalSampler, LevelsAreSortedAndInRange) {
-  const Floats kinds[] = {Floats(32, 0.0f), Floats(32, 1.0f / 32), [] {
-                            Floats spike(32, 0.0f);
+  const Floats kinds[] = {Floats(32, 0.0_r), Floats(32, 1.0_r / 32), [] {
+                            Floats spike(32, 0.0_r);
                             spike[9] = 1;
                             return spike;
                           }()};
@@ -62,10 +62,10 @@ TEST(IntervalSampler, LevelsAreSortedAndInRange) {
           }
           for (const Floats& level : levels) {
             EXPECT_TRUE(std::is_sorted(level.begin(), level.end()));
-            for (const float entry : level) {
-              const float t = sampler.distance(entry);
-              EXPECT_GE(t, 0.5f * (1 - 1e-6f));
-              EXPECT_LE(t, 1e6f * (1 + 1e-6f));
+            for (const Real entry : level) {
+              const Real t = sampler.distance(entry);
+              EXPECT_GE(t, 0.5_r * (1 - 1e-6_r));
+              EXPECT_LE(t, 1e6_r * (1 + 1e-6_r));
             }
           }
         }
@@ -91,7 +91,7 @@ TEST(IntervalSampler, FirstSamplesAreEven) {
 // One draw in each stratum, over its whole width.
 TEST(IntervalSampler, JitterStaysInItsStratum) {
   IntervalSampler sampler(options_of(Resampling::kCoarseFine, Spacing::kUniform), 0, 31);
-  Floats least(32, 100.0f), most(32, -100.0f);
+  Floats least(32, 100.0_r), most(32, -100.0_r);
   for (uint64_t seed = 0; seed < 400; ++seed) {
     Random random(seed, 0, 0);
     const Floats t = first_level(sampler, &random);
@@ -101,13 +101,13 @@ TEST(IntervalSampler, JitterStaysInItsStratum) {
     }
   }
   for (size_t i = 0; i < 32; ++i) {
-    const float at = static_cast<float>(i);
-    const float low = std::max(0.0f, at - 0.5f), high = std::min(31.0f, at + 0.5f);
+    const Real at = static_cast<Real>(i);
+    const Real low = std::max(0.0_r, at - 0.5_r), high = std::min(31.0_r, at + 0.5_r);
     EXPECT_GE(least[i], low);
     EXPECT_LE(most[i], high);
     // 400 draws miss the outer twentieth of a stratum with a chance of 1e-9.
-    EXPECT_LT(least[i], low + 0.05f);
-    EXPECT_GT(most[i], high - 0.05f);
+    EXPECT_LT(least[i], low + 0.05_r);
+    EXPECT_GT(most[i], high - 0.05_r);
   }
 }
 
@@ -116,7 +116,7 @@ TEST(IntervalSampler, CoarsePositionsAreMerged) {
   IntervalSampler sampler(options_of(Resampling::kCoarseFine, Spacing::kUniform), 2, 6);
   Random random(5, 0, 0);
   const Floats coarse = first_level(sampler, &random);
-  const Floats all = next_level(sampler, 1, coarse, Floats(32, 0.1f), &random);
+  const Floats all = next_level(sampler, 1, coarse, Floats(32, 0.1_r), &random);
   EXPECT_EQ(all.size(), 80u);
   EXPECT_TRUE(std::includes(all.begin(), all.end(), coarse.begin(), coarse.end()));
 }
@@ -126,16 +126,16 @@ TEST(IntervalSampler, SamplesFollowTheWeights) {
   for (Resampling resampling : kAll) {
     IntervalSampler sampler(options_of(resampling, Spacing::kUniform), 2, 6);
     const Floats coarse = first_level(sampler, nullptr);
-    Floats weights(32, 0.0f);
+    Floats weights(32, 0.0_r);
     weights[20] = 1;
     const Floats fine = next_level(sampler, 1, coarse, weights, nullptr);
     // The bin, with half a neighbour that blurring and dilation may reach.
-    const float low = coarse[18], high = coarse[22];
+    const Real low = coarse[18], high = coarse[22];
     const auto inside =
-        std::ranges::count_if(fine, [&](float entry) { return entry >= low && entry <= high; });
-    const float least = resampling == Resampling::kBlurred ? 0.6f : 0.95f;
+        std::ranges::count_if(fine, [&](Real entry) { return entry >= low && entry <= high; });
+    const Real least = resampling == Resampling::kBlurred ? 0.6_r : 0.95_r;
     const auto merged = resampling == Resampling::kCoarseFine ? 27 : 0;  // coarse ones elsewhere
-    EXPECT_GE(static_cast<float>(inside), least * static_cast<float>(fine.size() - merged));
+    EXPECT_GE(static_cast<Real>(inside), least * static_cast<Real>(fine.size() - merged));
   }
 }
 

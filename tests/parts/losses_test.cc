@@ -16,10 +16,10 @@ namespace {
 
 using Doubles = std::vector<double>;
 
-std::vector<float> floats(const Doubles& v, size_t from, size_t n) {
+std::vector<Real> floats(const Doubles& v, size_t from, size_t n) {
   return {v.begin() + static_cast<ptrdiff_t>(from), v.begin() + static_cast<ptrdiff_t>(from + n)};
 }
-Doubles doubles(const std::vector<float>& v) { return {v.begin(), v.end()}; }
+Doubles doubles(const std::vector<Real>& v) { return {v.begin(), v.end()}; }
 
 // Sums in double of inputs that are floats: only the scale's product is rounded to float.
 constexpr double kSum = 1e-12;
@@ -29,8 +29,8 @@ TEST(HistogramLosses, DistortionMatchesGoldenAndItsGradientTheTemplate) {
   for (const Doubles& v : golden_lines("sampling.txt", "distortion")) {
     const size_t n = static_cast<size_t>(v[0]);
     const auto s = floats(v, 1, n + 1), w = floats(v, n + 2, n);
-    const float scale = 0.25f;
-    std::vector<float> d(n, 1.0f);  // added to
+    const Real scale = 0.25_r;
+    std::vector<Real> d(n, 1.0_r);  // added to
     loss.compare(distortion_loss(s, w, scale, d), 0.25 * v[2 * n + 2], kSum, "n", n);
     const auto want = complex_step_gradient(
         [&](const std::vector<Complex>& x) { return reference::distortion_loss(doubles(s), x); },
@@ -48,16 +48,16 @@ TEST(HistogramLosses, DistortionOfIntervalsWithGaps) {
   WorstError worst("distortion_gaps"), gradient("distortion_gaps_gradient");
   for (const int n : {0, 1, 2, 17, 64}) {
     Random random(5, static_cast<uint64_t>(n), 0);
-    std::vector<float> middles, widths, w;
-    float at = 0;
+    std::vector<Real> middles, widths, w;
+    Real at = 0;
     for (int i = 0; i < n; ++i) {
-      const float width = random.uniform() / 64;
-      middles.push_back(at + 0.5f * width);
+      const Real width = random.uniform() / 64;
+      middles.push_back(at + 0.5_r * width);
       widths.push_back(width);
-      w.push_back(random.uniform() / static_cast<float>(n));
+      w.push_back(random.uniform() / static_cast<Real>(n));
       at += width + random.uniform() / 64;
     }
-    std::vector<float> d(w.size());
+    std::vector<Real> d(w.size());
     const auto exact = [&](const std::vector<Complex>& x) {
       return reference::distortion_loss(doubles(middles), doubles(widths), x);
     };
@@ -78,7 +78,7 @@ TEST(HistogramLosses, InterlevelMatchesGoldenAndItsGradientTheTemplate) {
     const size_t n = static_cast<size_t>(v[0]), m = static_cast<size_t>(v[1]);
     const auto s = floats(v, 2, n + 1), w = floats(v, n + 3, n);
     const auto ps = floats(v, 2 * n + 3, m + 1), pw = floats(v, 2 * n + m + 4, m);
-    std::vector<float> d(m, 0.0f);
+    std::vector<Real> d(m, 0.0_r);
     const double want = v[2 * n + 2 * m + 4];
     loss.compare(interlevel_loss(s, w, ps, pw, 1, d), want, kSum + 1e-6 * want, "n", n, "m", m);
     active += want > 0;
@@ -101,13 +101,13 @@ TEST(HistogramLosses, InterlevelMatchesGoldenAndItsGradientTheTemplate) {
 
 // A proposal that is the histogram itself bounds it; one with less mass does not.
 TEST(HistogramLosses, AnEqualProposalCostsNothing) {
-  const std::vector<float> s{0, 0.25f, 0.5f, 1}, w{0.2f, 0.5f, 0.3f};
-  std::vector<float> d(3, 0.0f), less{0.1f, 0.25f, 0.15f};
+  const std::vector<Real> s{0, 0.25_r, 0.5_r, 1}, w{0.2_r, 0.5_r, 0.3_r};
+  std::vector<Real> d(3, 0.0_r), less{0.1_r, 0.25_r, 0.15_r};
   EXPECT_EQ(interlevel_loss(s, w, s, w, 1, d), 0);
-  EXPECT_EQ(d, std::vector<float>(3, 0.0f));
-  const std::vector<float> apart{0, 0.2f, 0.3f, 1};
-  EXPECT_GT(interlevel_loss(s, w, s, std::vector<float>{0.1f, 0.1f, 0.1f}, 1, d), 0);
-  for (const float g : d) EXPECT_LE(g, 0);  // more mass lowers it
+  EXPECT_EQ(d, std::vector<Real>(3, 0.0_r));
+  const std::vector<Real> apart{0, 0.2_r, 0.3_r, 1};
+  EXPECT_GT(interlevel_loss(s, w, s, std::vector<Real>{0.1_r, 0.1_r, 0.1_r}, 1, d), 0);
+  for (const Real g : d) EXPECT_LE(g, 0);  // more mass lowers it
 }
 
 }  // namespace

@@ -84,7 +84,9 @@ inline void march_and_compare(const Scene& scene, RaySampler& sampler, const Ray
   // Where a ray runs along a plane so closely that float can hardly tell the sides apart, matter on
   // either side is right.
   std::vector<Stretch> most = exact, least = exact;
-  const double unseen = 8 * kRoundoff * std::ldexp(1.0, scene.cascades - 1);
+  // A far origin is subtracted in double.
+  const double unseen = 8 * kRoundoff * std::ldexp(1.0, scene.cascades - 1) +
+                        4 * kDoubleRoundoff * length(ray.origin);
   for (int i = 0; i < 3 && !wrong.empty(); ++i) {
     if (std::fabs(ray.direction[i]) > 1e-5) continue;
     for (double side : {-unseen, unseen}) {

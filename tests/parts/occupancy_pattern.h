@@ -20,10 +20,8 @@ struct CellPlace {
 
 inline CellPlace place_of(const OccupancyGrid& grid, int64_t cell, int cascade) {
   const Vec3 corner = grid.cell_corner(cell, cascade);
-  const float w = grid.cell_width(cascade);
-  const auto index = [&](float v) {
-    return static_cast<int>(std::lround(v / w)) + grid.side() / 2;
-  };
+  const Real w = grid.cell_width(cascade);
+  const auto index = [&](Real v) { return static_cast<int>(std::lround(v / w)) + grid.side() / 2; };
   return {cascade, index(corner.x), index(corner.y), index(corner.z)};
 }
 

@@ -24,11 +24,11 @@ TEST(Occupancy, CellAndCornerAreInverse) {
     const OccupancyGrid grid(1, side);
     ASSERT_EQ(grid.cells(), int64_t{side} * side * side);
     for (int c = 0; c < 4; ++c) {
-      const float w = grid.cell_width(c);
-      EXPECT_EQ(w, std::ldexp(2.0f / static_cast<float>(side), c));
+      const Real w = grid.cell_width(c);
+      EXPECT_EQ(w, std::ldexp(2.0_r / static_cast<Real>(side), c));
       for (int64_t cell = 0; cell < grid.cells(); ++cell) {
         const Vec3 corner = grid.cell_corner(cell, c);
-        const float in = 0.001f * w, out = 0.999f * w;  // corners of 48 cells are rounded
+        const Real in = 0.001_r * w, out = 0.999_r * w;  // corners of 48 cells are rounded
         ASSERT_EQ(grid.cell_of(corner + Vec3{in, in, in}, c), cell);
         ASSERT_EQ(grid.cell_of(corner + Vec3{out, out, out}, c), cell);
         if (side != 48) {
@@ -62,7 +62,7 @@ TEST(Occupancy, CellsAreStoredBrickByBrick) {
 
 TEST(Occupancy, PointsBeyondTheCascadeFallIntoItsOutermostCells) {
   const OccupancyGrid grid;
-  const CellPlace p = place_of(grid, grid.cell_of({1.0f, -1.001f, 5.0f}, 0), 0);
+  const CellPlace p = place_of(grid, grid.cell_of({1.0_r, -1.001_r, 5.0_r}, 0), 0);
   EXPECT_EQ(p.x, kSide - 1);
   EXPECT_EQ(p.y, 0);
   EXPECT_EQ(p.z, kSide - 1);
@@ -70,19 +70,19 @@ TEST(Occupancy, PointsBeyondTheCascadeFallIntoItsOutermostCells) {
 
 TEST(Occupancy, CascadeOfAPoint) {
   const OccupancyGrid grid(3);
-  const float below = std::nextafter(1.0f, 0.0f);
+  const Real below = std::nextafter(1.0_r, 0.0_r);
   EXPECT_EQ(grid.cascade_of({0, 0, 0}), 0);
   EXPECT_EQ(grid.cascade_of({below, -below, 0}), 0);
   EXPECT_EQ(grid.cascade_of({0, 1, 0}), 1);
   EXPECT_EQ(grid.cascade_of({0, -1, 0}), 0) << "lower borders belong to it, as in cells";
-  EXPECT_EQ(grid.cascade_of({std::nextafter(-1.0f, -2.0f), 0, 0}), 1);
+  EXPECT_EQ(grid.cascade_of({std::nextafter(-1.0_r, -2.0_r), 0, 0}), 1);
   EXPECT_EQ(grid.cascade_of({0, 0, -2 * below}), 1);
-  EXPECT_EQ(grid.cascade_of({2.5f, 0, 0}), 2);
+  EXPECT_EQ(grid.cascade_of({2.5_r, 0, 0}), 2);
   EXPECT_EQ(grid.cascade_of({0, 4, 0}), 3) << "none: as many as there are";
-  EXPECT_EQ(grid.cascade_of({1e30f, 0, 0}), 3);
+  EXPECT_EQ(grid.cascade_of({1e30_r, 0, 0}), 3);
   for (int i = 0; i < 3; ++i) {
     Vec3 p{0, 0, 0};
-    p[i] = std::nanf("");
+    p[i] = Real{NAN};
     EXPECT_EQ(grid.cascade_of(p), 3);
   }
 }
@@ -90,25 +90,25 @@ TEST(Occupancy, CascadeOfAPoint) {
 TEST(Occupancy, ObserveMovesPartOfTheWayToWhatIsSeen) {
   OccupancyGrid grid;
   const int64_t cell = 12345;
-  const float start = grid.opacity(0, cell);
+  const Real start = grid.opacity(0, cell);
   EXPECT_GT(start, 0) << "unknown cells count as occupied";
-  grid.observe(0, cell, 0.8f);
-  const float up = grid.opacity(0, cell);
+  grid.observe(0, cell, 0.8_r);
+  const Real up = grid.opacity(0, cell);
   EXPECT_GT(up, start);
-  EXPECT_LT(up, 0.8f);
-  grid.observe(0, cell, 0.0f);
-  const float down = grid.opacity(0, cell);
+  EXPECT_LT(up, 0.8_r);
+  grid.observe(0, cell, 0.0_r);
+  const Real down = grid.opacity(0, cell);
   EXPECT_LT(down, up);
   EXPECT_GT(down, 0);
   grid.observe(0, cell, down);
   EXPECT_FLOAT_EQ(grid.opacity(0, cell), down) << "seeing what is known changes nothing";
-  for (int i = 0; i < 200; ++i) grid.observe(0, cell, 0.37f);
-  EXPECT_NEAR(grid.opacity(0, cell), 0.37f, 1e-5);
+  for (int i = 0; i < 200; ++i) grid.observe(0, cell, 0.37_r);
+  EXPECT_NEAR(grid.opacity(0, cell), 0.37_r, 1e-5);
   EXPECT_EQ(grid.opacity(0, cell + 1), start) << "no other cell moves";
 
-  for (float bad : {std::nanf(""), -0.5f, -std::numeric_limits<float>::infinity()}) {
+  for (Real bad : {Real{NAN}, -0.5_r, -std::numeric_limits<Real>::infinity()}) {
     grid.observe(0, cell, bad);
-    EXPECT_NEAR(grid.opacity(0, cell), 0.37f, 1e-5);
+    EXPECT_NEAR(grid.opacity(0, cell), 0.37_r, 1e-5);
   }
 }
 
@@ -117,7 +117,7 @@ TEST(Occupancy, OffStaysOff) {
   grid.switch_off(1, 77);
   EXPECT_TRUE(grid.is_off(1, 77));
   EXPECT_FALSE(grid.is_off(0, 77));
-  for (int i = 0; i < 100; ++i) grid.observe(1, 77, 1.0f);
+  for (int i = 0; i < 100; ++i) grid.observe(1, 77, 1.0_r);
   EXPECT_TRUE(grid.is_off(1, 77));
   grid.rebuild(0);
   EXPECT_EQ(grid.levels()[static_cast<size_t>(kCells + 77)], 0);
@@ -134,13 +134,13 @@ void expect_consistent(const OccupancyGrid& grid) {
       for (int64_t i = 0; i < 64; ++i) {
         const uint8_t level = grid.levels()[static_cast<size_t>(c * kCells + brick * 64 + i)];
         ASSERT_EQ(mask >> i & 1, level != 0) << "cascade " << c << " brick " << brick;
-        const float thickness = grid.thickness(c, brick * 64 + i);
+        const Real thickness = grid.thickness(c, brick * 64 + i);
         ASSERT_EQ(thickness > 0, level != 0);
         occupied += level != 0;
       }
       if (mask == 0) continue;
       const Vec3 corner = grid.cell_corner(brick * 64, c);
-      const float w = 4 * grid.cell_width(c);
+      const Real w = 4 * grid.cell_width(c);
       box.extend(corner.cast<double>());
       box.extend((corner + Vec3{w, w, w}).cast<double>());
     }
@@ -160,17 +160,17 @@ TEST(Occupancy, NewGridIsOccupiedEverywhere) {
 // Thickness is -log(1 - opacity) of the quantised opacity (level / 255)^2.
 TEST(Occupancy, LevelsQuantiseOpacity) {
   OccupancyGrid grid;
-  std::vector<float> opacities;
-  for (int i = 0; i <= 200; ++i) opacities.push_back(std::pow(static_cast<float>(i) / 200, 2.0f));
+  std::vector<Real> opacities;
+  for (int i = 0; i <= 200; ++i) opacities.push_back(std::pow(static_cast<Real>(i) / 200, 2.0_r));
   for (size_t i = 0; i < grid.training_state().size(); ++i)
     grid.training_state()[i] = opacities[i % opacities.size()];
-  grid.rebuild(1e-9f);
-  float before = 0;
+  grid.rebuild(1e-9_r);
+  Real before = 0;
   for (size_t i = 1; i < opacities.size(); ++i) {
     const double level = grid.levels()[i];
     EXPECT_LE(std::fabs(level - 255 * std::sqrt(static_cast<double>(opacities[i]))), 0.501) << i;
     const double opacity = std::min(level * level / (255.0 * 255.0), 0.9999);
-    const float thickness = grid.thickness(0, static_cast<int64_t>(i));
+    const Real thickness = grid.thickness(0, static_cast<int64_t>(i));
     EXPECT_NEAR(thickness, -std::log1p(-opacity), 1e-3 * thickness) << i;
     EXPECT_GE(thickness, before);
     EXPECT_TRUE(std::isfinite(thickness));
@@ -181,13 +181,13 @@ TEST(Occupancy, LevelsQuantiseOpacity) {
 // Occupied is what reaches min(threshold, mean of the cells that are on), and whatever shares a
 // face with a cell that is itself solid; brute force over all cells by their integer places.
 TEST(Occupancy, RebuildAgainstBruteForce) {
-  constexpr float kSolid = 0.1f;
-  for (float threshold : {0.01f, 0.9f}) {  // the second above the mean
+  constexpr Real kSolid = 0.1_r;
+  for (Real threshold : {0.01_r, 0.9_r}) {  // the second above the mean
     OccupancyGrid grid(2);
     Random random(8, static_cast<uint64_t>(1000 * threshold), 0);
-    for (float& a : grid.training_state()) {
-      const float kind = random.uniform();
-      a = kind < 0.1f ? -1.0f : kind < 0.12f ? random.uniform() : 0.03f * random.uniform();
+    for (Real& a : grid.training_state()) {
+      const Real kind = random.uniform();
+      a = kind < 0.1_r ? -1.0_r : kind < 0.12_r ? random.uniform() : 0.03_r * random.uniform();
     }
     ThreadPool pool(2);
     OccupancyGrid pooled(2);
@@ -198,13 +198,13 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
     EXPECT_TRUE(std::ranges::equal(grid.levels(), pooled.levels()));
     double sum = 0;
     int64_t on = 0;
-    for (float a : grid.training_state())
+    for (Real a : grid.training_state())
       if (a >= 0) sum += a, ++on;
-    const float limit = std::min(threshold, static_cast<float>(sum / static_cast<double>(on)));
+    const Real limit = std::min(threshold, static_cast<Real>(sum / static_cast<double>(on)));
     int64_t kept = 0;
     for (int c = 0; c < 2; ++c) {
-      std::vector<float> by_place(static_cast<size_t>(kCells));
-      const auto at = [&](int x, int y, int z) -> float {
+      std::vector<Real> by_place(static_cast<size_t>(kCells));
+      const auto at = [&](int x, int y, int z) -> Real {
         if (std::min({x, y, z}) < 0 || std::max({x, y, z}) >= kSide) return 0;
         return by_place[static_cast<size_t>((z * kSide + y) * kSide + x)];
       };
@@ -214,7 +214,7 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
       }
       for (int64_t cell = 0; cell < kCells; ++cell) {
         const CellPlace p = place_of(grid, cell, c);
-        const float a = grid.opacity(c, cell);
+        const Real a = grid.opacity(c, cell);
         const bool beside_solid =
             a >= kSolid || at(p.x - 1, p.y, p.z) >= kSolid || at(p.x + 1, p.y, p.z) >= kSolid ||
             at(p.x, p.y - 1, p.z) >= kSolid || at(p.x, p.y + 1, p.z) >= kSolid ||
@@ -233,7 +233,7 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
 TEST(Occupancy, AllOffIsAllEmpty) {
   OccupancyGrid grid;
   for (int64_t i = 0; i < kCells; ++i) grid.switch_off(0, i);
-  grid.rebuild(0.01f);
+  grid.rebuild(0.01_r);
   EXPECT_EQ(grid.occupied_fraction(), 0.0);
   expect_consistent(grid);
 }
@@ -241,13 +241,13 @@ TEST(Occupancy, AllOffIsAllEmpty) {
 TEST(Occupancy, LevelsAndStateRoundTrip) {
   OccupancyGrid grid(2);
   Random random(9, 0, 0);
-  for (float& a : grid.training_state()) a = random.uniform() < 0.7f ? -1.0f : random.uniform();
-  grid.rebuild(0.01f);
+  for (Real& a : grid.training_state()) a = random.uniform() < 0.7_r ? -1.0_r : random.uniform();
+  grid.rebuild(0.01_r);
   OccupancyGrid from_levels(2), from_state(2);
   from_levels.set_levels(grid.levels());
   std::copy(grid.training_state().begin(), grid.training_state().end(),
             from_state.training_state().begin());
-  from_state.rebuild(0.01f);
+  from_state.rebuild(0.01_r);
   for (const OccupancyGrid* other : {&from_levels, &from_state}) {
     EXPECT_TRUE(std::equal(grid.levels().begin(), grid.levels().end(), other->levels().begin()));
     EXPECT_EQ(other->occupied_fraction(), grid.occupied_fraction());

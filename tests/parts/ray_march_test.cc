@@ -176,7 +176,7 @@ TEST(RayMarch, NearFarAndBehind) {
       ray.far = far;
       march_and_compare(scene, sampler, ray, "near " + std::to_string(near));
       sampler.sample_all(ray, 2, samples);
-      for (float t : samples.t) {
+      for (Real t : samples.t) {
         ASSERT_GE(sampler.start() + t, near);
         ASSERT_LE(sampler.start() + t, far * (1 + 1e-6));
       }
@@ -256,7 +256,7 @@ TEST(RayMarch, RaysThatAreNoNumbers) {
     else
       ray.direction = {0, 0, i == 9 ? 0 : i == 10 ? 1e-310 : 1e30};
     sampler.sample_all(ray, 1, samples);
-    for (float delta : samples.delta) EXPECT_TRUE(std::isfinite(delta) && delta >= 0) << i;
+    for (Real delta : samples.delta) EXPECT_TRUE(std::isfinite(delta) && delta >= 0) << i;
     sampler.sample(ray, nullptr, true, samples);
   }
 }

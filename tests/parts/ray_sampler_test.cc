@@ -62,9 +62,9 @@ TEST(RaySampler, SamplesPartitionTheMatter) {
   WorstError sum("sum_of_deltas"), place("place_in_interval");
   SamplerOptions all, few, many, fixed;
   all.min_transmittance = few.min_transmittance = many.min_transmittance = 0;
-  few.max_samples = 3, few.min_samples = 1, few.samples_per_cell = 0.3f;
+  few.max_samples = 3, few.min_samples = 1, few.samples_per_cell = 0.3_r;
   many.max_samples = 240, many.min_samples = 7, many.samples_per_cell = 5,
-  many.uniform_share = 0.5f;
+  many.uniform_share = 0.5_r;
   fixed.min_samples = fixed.max_samples = 16;  // and a transmittance stop
   for (const SamplerOptions& options : {all, few, many, fixed}) {
     RaySampler sampler(noise(), options, kEverywhere);
@@ -139,7 +139,7 @@ TEST(RaySampler, SampleAllCutsEverySegmentEvenly) {
 
 TEST(RaySampler, WithoutTheCacheAllMatterIsSampledAlike) {
   SamplerOptions options;
-  options.samples_per_cell = 1.5f;
+  options.samples_per_cell = 1.5_r;
   options.max_samples = 240;
   RaySampler sampler(noise(), options, kEverywhere);
   RaySamples out;
@@ -148,7 +148,7 @@ TEST(RaySampler, WithoutTheCacheAllMatterIsSampledAlike) {
     if (count == 0) continue;
     const double length = matter_length(sampler.segments());
     const double n = static_cast<double>(sampler.segments().size()) + count;
-    for (float delta : out.delta)
+    for (Real delta : out.delta)
       ASSERT_NEAR(delta, length / count, rounding_bound(8 * n) * length) << "ray " << i;
   }
 }
@@ -164,17 +164,17 @@ TEST(RaySampler, StopsBehindOpaqueMatterUnlessToldNotTo) {
   const double cell = 1.0 / 64;
   SamplerOptions options;
   RaySamples out;
-  const auto length = [&](float stop, bool follow) {
+  const auto length = [&](Real stop, bool follow) {
     options.min_transmittance = stop;
     RaySampler sampler(grid, options, kEverywhere);
     sampler.sample(ray, nullptr, follow, out);
     return matter_length(sampler.segments());
   };
   // One opaque cell lets 1e-4 through.
-  EXPECT_NEAR(length(1e-3f, true), cell, 1e-5);
-  EXPECT_NEAR(length(1e-6f, true), 2 * cell, 1e-5);
+  EXPECT_NEAR(length(1e-3_r, true), cell, 1e-5);
+  EXPECT_NEAR(length(1e-6_r, true), 2 * cell, 1e-5);
   EXPECT_NEAR(length(0, true), 12 * cell, 1e-5);
-  EXPECT_NEAR(length(1e-3f, false), 12 * cell, 1e-5);
+  EXPECT_NEAR(length(1e-3_r, false), 12 * cell, 1e-5);
 }
 
 // Where the cache knows a surface, most samples go there; and every cell keeps its uniform share.
@@ -185,7 +185,7 @@ TEST(RaySampler, FollowsTheCacheAndKeepsAUniformShare) {
   });
   SamplerOptions options;
   options.min_samples = options.max_samples = 20;
-  options.uniform_share = 0.25f;
+  options.uniform_share = 0.25_r;
   RaySampler sampler(grid, options, kEverywhere);
   Ray ray;
   ray.origin = {-2, 0.1, 0.1};
@@ -196,7 +196,7 @@ TEST(RaySampler, FollowsTheCacheAndKeepsAUniformShare) {
   for (uint64_t i = 0; i < kDraws; ++i) {
     Random random(73, 0, i);
     ASSERT_EQ(sampler.sample(ray, &random, true, out), 20);
-    for (float t : out.t) {
+    for (Real t : out.t) {
       const double x = static_cast<double>(sampler.entry().x) + t;
       ++hits[static_cast<size_t>(std::floor((x + 1) * 64))];
     }
@@ -225,7 +225,7 @@ TEST(RaySampler, WithoutUniformShareLengthsStillAddUp) {
   RaySamples out;
   ASSERT_GT(sampler.sample(ray, nullptr, true, out), 0);
   double sum = 0;
-  for (float d : out.delta) sum += d;
+  for (Real d : out.delta) sum += d;
   EXPECT_NEAR(sum, matter_length(sampler.segments()), 1e-4);
 }
 
@@ -234,7 +234,7 @@ TEST(RaySampler, CountGrowsWithTheEffectiveNumberOfCells) {
   SamplerOptions options;
   options.min_samples = 2;
   options.max_samples = 64;
-  options.samples_per_cell = 1.5f;
+  options.samples_per_cell = 1.5_r;
   Ray ray;
   ray.origin = {-2, 0.1, 0.1};
   ray.direction = {1, 0, 0};

@@ -50,15 +50,15 @@ Rendered render(RaySampler& sampler, const Ray& ray, Random* random, bool follow
     out.x.push_back(static_cast<double>(sampler.entry().x) +
                     ray.direction.x * static_cast<double>(out.samples.t[s]));
     const Medium m = medium(out.x.back());
-    chunk.data(density)[i] = static_cast<float>(m.density);
+    chunk.data(density)[i] = static_cast<Real>(m.density);
     chunk.data(delta)[i] = out.samples.delta[s];
     for (int k = 0; k < 3; ++k)
       chunk.data(colour)[k * chunk.stride(colour) + i] =
-          static_cast<float>(m.colour[static_cast<size_t>(k)]);
+          static_cast<Real>(m.colour[static_cast<size_t>(k)]);
   }
   for (int k = 0; k < 3; ++k)
     chunk.data(behind)[k * chunk.stride(behind)] =
-        static_cast<float>(background[static_cast<size_t>(k)]);
+        static_cast<Real>(background[static_cast<size_t>(k)]);
   tape.forward(chunk);
   for (int k = 0; k < 4; ++k)
     out.pixel[static_cast<size_t>(k)] = chunk.data(image.pixel)[k * chunk.stride(image.pixel)];

@@ -20,30 +20,30 @@
 namespace nerf::stress {
 namespace {
 
-constexpr float kInf = std::numeric_limits<float>::infinity();
-constexpr float kMax = std::numeric_limits<float>::max();
-constexpr float kDenormal = std::numeric_limits<float>::denorm_min();
-constexpr double kTiny = std::numeric_limits<float>::min();
+constexpr Real kInf = std::numeric_limits<Real>::infinity();
+constexpr Real kMax = std::numeric_limits<Real>::max();
+constexpr Real kDenormal = std::numeric_limits<Real>::denorm_min();
+constexpr double kTiny = std::numeric_limits<Real>::min();
 // Highway states 1 unit in the last place for Exp and 4 for Expm1; a unit is at most two roundoffs.
 constexpr double kExpError = 2 * kRoundoff, kExpm1Error = 8 * kRoundoff;
 
 // Numbers at even distances of their bit patterns: each power of two gets as many. Then those whose
 // names the header mentions.
-std::vector<float> all_magnitudes(uint32_t step, bool negative) {
-  std::vector<float> out = {0.0f,  kDenormal, 1e-40f, std::numeric_limits<float>::min(),
-                            kMax,  kInf,      15.0f,  30.0f,
-                            80.0f, 88.0f,     1e4f,   1e10f};
-  const uint32_t end = std::bit_cast<uint32_t>(kInf);
+std::vector<Real> all_magnitudes(uint32_t step, bool negative) {
+  std::vector<Real> out = {0.0_r,  kDenormal, 1e-40_r, std::numeric_limits<Real>::min(),
+                           kMax,   kInf,      15.0_r,  30.0_r,
+                           80.0_r, 88.0_r,    1e4_r,   1e10_r};
+  const uint32_t end = std::bit_cast<uint32_t>(std::numeric_limits<float>::infinity());
   for (uint32_t bits = 1; bits < end; bits += step) out.push_back(std::bit_cast<float>(bits));
   if (negative)
     for (size_t i = 0, n = out.size(); i < n; ++i) out.push_back(-out[i]);
   return out;
 }
 
-Matrix row_of(const std::vector<float>& values) {
+Matrix row_of(const std::vector<Real>& values) {
   Matrix m(1, static_cast<int64_t>(values.size()));
   for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5f;
+    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
   return m;
 }
 
@@ -66,7 +66,7 @@ TEST(StressActivation, SigmoidOfEveryMagnitude) {
   WorstError forward("forward"), backward("backward");
   const Matrix x = row_of(all_magnitudes(0x3fff1, true));
   Matrix y(1, x.n), dx(1, x.n), dy(1, x.n);
-  for (float gradient : {1.0f, -1e-30f, 1e38f}) {
+  for (Real gradient : {1.0_r, -1e-30_r, 1e38_r}) {
     for (int64_t i = 0; i < x.padded; ++i) dy.at(0, i) = gradient;
     for_each_mode(
         [&] {
@@ -103,7 +103,7 @@ TEST(StressActivation, TruncatedExpOfEveryMagnitude) {
   WorstError forward("forward"), backward("backward");
   const Matrix x = row_of(all_magnitudes(0x3fff1, true));
   Matrix y(1, x.n), dx(1, x.n), dy(1, x.n);
-  for (float gradient : {1.0f, -1e-30f, 1e31f}) {
+  for (Real gradient : {1.0_r, -1e-30_r, 1e31_r}) {
     for (int64_t i = 0; i < x.padded; ++i) dy.at(0, i) = gradient;
     for_each_mode(
         [&] {
@@ -135,11 +135,11 @@ TEST(StressActivation, TruncatedExpOfEveryMagnitude) {
 // the other factor.
 TEST(StressActivation, OpacityOfEveryMagnitude) {
   WorstError worst("opacity");
-  const std::vector<float> densities = all_magnitudes(0x7fff11, false);
-  for (float density : densities) {
+  const std::vector<Real> densities = all_magnitudes(0x7fff11, false);
+  for (Real density : densities) {
     if (density == kInf) continue;
-    std::vector<float> lengths = all_magnitudes(0x7fff11, false);
-    const Matrix sigma = row_of(std::vector<float>(lengths.size(), density));
+    std::vector<Real> lengths = all_magnitudes(0x7fff11, false);
+    const Matrix sigma = row_of(std::vector<Real>(lengths.size(), density));
     const Matrix delta = row_of(lengths);
     Matrix alpha(1, sigma.n);
     for_each_mode(

@@ -18,21 +18,22 @@
 namespace nerf::stress {
 namespace {
 
-constexpr double kTiny = std::numeric_limits<float>::min();
-constexpr float kMax = std::numeric_limits<float>::max();
-constexpr float kGradients[] = {0.0f,   -0.0f,  1e-45f, -1e-40f, 1e-38f, 1e-30f, -1e-20f, 1e-18f,
-                                1e-15f, -1e-8f, 1.0f,   -1e5f,   1e15f,  9e17f,  1e18f,   -2e18f,
-                                1e20f,  -1e30f, 1e38f,  -kMax,   kMax,   1e-12f, 0.3f,    -7.0f};
+constexpr double kTiny = std::numeric_limits<Real>::min();
+constexpr Real kMax = std::numeric_limits<Real>::max();
+constexpr Real kGradients[] = {0.0_r,    -0.0_r,  1e-45_r, -1e-40_r, 1e-38_r, 1e-30_r,
+                               -1e-20_r, 1e-18_r, 1e-15_r, -1e-8_r,  1.0_r,   -1e5_r,
+                               1e15_r,   9e17_r,  1e18_r,  -2e18_r,  1e20_r,  -1e30_r,
+                               1e38_r,   -kMax,   kMax,    1e-12_r,  0.3_r,   -7.0_r};
 constexpr size_t kCount = std::size(kGradients) + 8;  // a multiple of kLane; the last stay 0
 static_assert(kCount % kLane == 0);
 
-double counted(float gradient) { return std::clamp(gradient, -kMostGradient, kMostGradient); }
+double counted(Real gradient) { return std::clamp(gradient, -kMostGradient, kMostGradient); }
 
 struct State {
-  explicit State(size_t n, float weight = 0) : gradient(n), m(n), v(n), w(n) {
-    for (float& x : w) x = weight;
+  explicit State(size_t n, Real weight = 0) : gradient(n), m(n), v(n), w(n) {
+    for (Real& x : w) x = weight;
   }
-  AlignedArray<float> gradient, m, v, w;
+  AlignedArray<Real> gradient, m, v, w;
 };
 
 // One step of all by one of the kernels: dense, or rows of so many features with counters that
@@ -44,7 +45,7 @@ void step_all(int features, const AdamStep& options, int64_t step, State& s) {
                s.w.data());
     return;
   }
-  std::vector<float> correction(2 * kBiasCorrections);
+  std::vector<Real> correction(2 * kBiasCorrections);
   bias_corrections(options, correction.data());
   const size_t rows = n / static_cast<size_t>(features);
   AlignedArray<uint8_t> touched(rows);
@@ -81,15 +82,15 @@ TEST(StressAdam, OneStepOfEveryMagnitude) {
   for_each_target([&](const std::string&) {
     for (int features : {0, 2, 4})
       for (bool flush : {false, true})
-        for (float rate : {1e-30f, 1e-7f, 0.01f, 1.0f, 1e30f})
-          for (float at : {0.0f, 1e-40f, -0.7f, 1e12f})
+        for (Real rate : {1e-30_r, 1e-7_r, 0.01_r, 1.0_r, 1e30_r})
+          for (Real at : {0.0_r, 1e-40_r, -0.7_r, 1e12_r})
             for (int64_t step : {1, 2, 100, 4095, 4096, 65535, 65536, 1000000000}) {
               const AdamStep options{.rate = rate};
               State s(kCount, at);
               // Moments of an ordinary past, in half of the cases.
               for (size_t i = 0; i < kCount && step % 2 == 0; ++i) {
-                s.m[i] = i % 3 ? 0.01f : -2.0f;
-                s.v[i] = i % 3 ? 0.01f : 4.0f;
+                s.m[i] = i % 3 ? 0.01_r : -2.0_r;
+                s.v[i] = i % 3 ? 0.01_r : 4.0_r;
               }
               std::copy(std::begin(kGradients), std::end(kGradients), s.gradient.begin());
               const State before = s;
@@ -118,7 +119,7 @@ TEST(StressAdam, OneStepOfEveryMagnitude) {
 // Whatever comes, no step is longer than rate (1 - b1) / sqrt((1 - b2) (1 - b1^2 / b2)), by the
 // inequality of Cauchy and Schwarz between the two moments, and every number stays finite.
 TEST(StressAdam, StepsAreBoundedWhateverComes) {
-  const AdamStep options{.rate = 0.5f};
+  const AdamStep options{.rate = 0.5_r};
   const double b1 = options.beta1, b2 = options.beta2;
   const double most = options.rate * (1 - b1) / std::sqrt((1 - b2) * (1 - b1 * b1 / b2));
   for_each_target([&](const std::string&) {
@@ -131,9 +132,9 @@ TEST(StressAdam, StepsAreBoundedWhateverComes) {
           // Any magnitude after any other; jumps between two; a spike in an ordinary row; then
           // none.
           s.gradient[i] = kind == 0   ? kGradients[random.below(std::size(kGradients))]
-                          : kind == 1 ? (step % 2 ? kMax : 1e-30f)
-                          : kind == 2 ? (step == 50 ? -1e30f : random.uniform() - 0.5f)
-                                      : (step < 10 ? 1e30f : 0.0f);
+                          : kind == 1 ? (step % 2 ? kMax : 1e-30_r)
+                          : kind == 2 ? (step == 50 ? -1e30_r : random.uniform() - 0.5_r)
+                                      : (step < 10 ? 1e30_r : 0.0_r);
         }
         const State before = s;
         step_all(features, options, step, s);
@@ -153,14 +154,14 @@ TEST(StressAdam, StepsAreBoundedWhateverComes) {
 // of the moments, up to 3 u a step, fade with 1 - b1 and 1 - b2, and the root takes half of v's.
 TEST(StressAdam, ConstantGradientsMoveByTheRate) {
   WorstError worst("move");
-  const AdamStep options{.rate = 1e-3f};
+  const AdamStep options{.rate = 1e-3_r};
   for_each_target([&](const std::string&) {
     for (int features : {0, 2, 4})
-      for (float g : {1e-12f, -1e-6f, 1.0f, 1e10f, -1e18f, 1e20f, 1e38f}) {
+      for (Real g : {1e-12_r, -1e-6_r, 1.0_r, 1e10_r, -1e18_r, 1e20_r, 1e38_r}) {
         State s(32);
         for (int64_t step = 1; step <= 200; ++step) {
-          for (float& x : s.gradient) x = g;
-          const float before = s.w[5];
+          for (Real& x : s.gradient) x = g;
+          const Real before = s.w[5];
           step_all(features, options, step, s);
           const double u = 3 * kRoundoff;
           const double error = u / (1 - options.beta1) + 0.5 * u / (1 - options.beta2) +
@@ -177,12 +178,12 @@ TEST(StressAdam, ConstantGradientsMoveByTheRate) {
 TEST(StressAdam, WithoutGradientNothingMovesAtAnyRate) {
   for_each_target([&](const std::string&) {
     for (int features : {0, 2, 4})
-      for (float rate : {1e-38f, 1.0f, 1e36f})
-        for (float weight : {0.0f, 1e-30f, -1.0f, 1e38f}) {
+      for (Real rate : {1e-38_r, 1.0_r, 1e36_r})
+        for (Real weight : {0.0_r, 1e-30_r, -1.0_r, 1e38_r}) {
           State s(32, weight);
           for (int64_t step : {1, 2, 3, 70000}) {
             step_all(features, AdamStep{.rate = rate}, step, s);
-            for (float w : s.w) ASSERT_EQ(w, weight) << "rate " << rate << " step " << step;
+            for (Real w : s.w) ASSERT_EQ(w, weight) << "rate " << rate << " step " << step;
           }
         }
   });
@@ -193,7 +194,7 @@ TEST(StressAdam, GradientsThatAreNoNumbersShow) {
   for_each_target([&](const std::string&) {
     for (int features : {0, 2, 4}) {
       State s(32, 1);
-      for (size_t i = 0; i < 32; i += 2) s.gradient[i] = std::nanf("");
+      for (size_t i = 0; i < 32; i += 2) s.gradient[i] = Real{NAN};
       step_all(features, AdamStep(), 1, s);
       for (size_t i = 0; i < 32; ++i) EXPECT_EQ(std::isnan(s.w[i]), i % 2 == 0) << i;
     }

@@ -18,17 +18,17 @@
 
 namespace nerf::stress {
 
-using Colour = std::array<float, 3>;
+using Colour = std::array<Real, 3>;
 
 // Samples of a ray from front to back, and what its pixel's gradient is to be.
 struct Matter {
-  std::vector<float> density, delta;
+  std::vector<Real> density, delta;
   std::vector<Colour> colour;
-  Colour background{0.2f, 0.9f, 0.5f};
-  std::array<float, 4> gradient{0.7f, -1.3f, 0.4f, 0.6f};
+  Colour background{0.2_r, 0.9_r, 0.5_r};
+  std::array<Real, 4> gradient{0.7_r, -1.3_r, 0.4_r, 0.6_r};
 
   size_t size() const { return density.size(); }
-  void add(float sigma, float length, const Colour& c) {
+  void add(Real sigma, Real length, const Colour& c) {
     density.push_back(sigma);
     delta.push_back(length);
     colour.push_back(c);
@@ -44,19 +44,19 @@ struct Rendered {
 // Ends a tape with a gradient that the test chooses.
 class GivenGradient : public Operation {
  public:
-  GivenGradient(Value pixel, Value out, const std::array<float, 4>& g)
+  GivenGradient(Value pixel, Value out, const std::array<Real, 4>& g)
       : Operation({pixel}, out), g_(g) {}
   const char* name() const override { return "given_gradient"; }
   void forward(Chunk&) const override {}
   void backward(Chunk& c) const override {
-    float* to = c.gradient(inputs()[0]);
+    Real* to = c.gradient(inputs()[0]);
     for (int k = 0; k < 4; ++k)
       std::fill_n(to + k * c.stride(inputs()[0]), c.stride(inputs()[0]),
                   g_[static_cast<size_t>(k)]);
   }
 
  private:
-  std::array<float, 4> g_;
+  std::array<Real, 4> g_;
 };
 
 inline Rendered run_composite(const Matter& m) {
@@ -91,7 +91,7 @@ inline Rendered run_composite(const Matter& m) {
   out.weights.assign(chunk.data(image.weights), chunk.data(image.weights) + n);
   out.d_density.assign(chunk.gradient(density), chunk.gradient(density) + n);
   for (int i = 0; i < n; ++i) {
-    const float* d = chunk.gradient(colour) + i;
+    const Real* d = chunk.gradient(colour) + i;
     out.d_colour.push_back({d[0], d[ls], d[2 * ls]});
   }
   return out;
@@ -101,7 +101,7 @@ inline Rendered run_composite(const Matter& m) {
 inline Rendered exact_composite(const Matter& m) {
   const std::vector<double> density(m.density.begin(), m.density.end());
   std::vector<double> delta;
-  for (float d : m.delta) delta.push_back(std::min(d, kLongestInterval));
+  for (Real d : m.delta) delta.push_back(std::min(d, kLongestInterval));
   std::vector<std::array<double, 3>> colour;
   for (const Colour& c : m.colour) colour.push_back({c[0], c[1], c[2]});
   const std::array<double, 3> background{m.background[0], m.background[1], m.background[2]};
@@ -132,8 +132,10 @@ inline Rendered exact_composite(const Matter& m) {
 inline constexpr double kOpacityError = 9 * kRoundoff;
 inline constexpr double kPixelError = 11 * kRoundoff;
 inline constexpr double kGradientError = 64 * kRoundoff;
+// In double the product and the sums do add something: a rounding for each sample.
+inline double summing_error(double n) { return n * kDoubleRoundoff; }
 // What is below the smallest normal number may be 0.
-inline constexpr double kTiny = std::numeric_limits<float>::min();
+inline constexpr double kTiny = std::numeric_limits<Real>::min();
 
 struct CompositeErrors {
   WorstError pixel{"pixel"}, weight{"weight"}, density{"density_gradient"},
@@ -161,6 +163,7 @@ void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) 
   for (const Colour& c : m.colour) seen = std::max(seen, size_of(c));
   seen += std::fabs(double{m.gradient[3]});
 
+  const double summed = summing_error(n);
   double sum = 0, light = 1;
   for (size_t i = 0; i < m.size(); ++i) {
     const double w = got.weights[i], alpha = -std::expm1(-double{m.density[i]} *
@@ -175,16 +178,17 @@ void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) 
     }
     errors.weight.compare(
         w, want.weights[i],
-        kOpacityError * alpha + (kOpacityError + kRoundoff) * want.weights[i] + kTiny, where...,
-        "sample", i);
+        kOpacityError * alpha + (kOpacityError + kRoundoff + summed) * want.weights[i] + kTiny,
+        where..., "sample", i);
     ASSERT_TRUE(std::isfinite(got.d_density[i])) << "density gradient of sample " << i;
-    errors.density.compare(got.d_density[i], want.d_density[i],
-                           kGradientError * seen * std::min(m.delta[i], kLongestInterval) + kTiny,
-                           where..., "sample", i);
+    errors.density.compare(
+        got.d_density[i], want.d_density[i],
+        (kGradientError + 4 * summed) * seen * std::min(m.delta[i], kLongestInterval) + kTiny,
+        where..., "sample", i);
     for (size_t k = 0; k < 3; ++k)
       errors.colour.compare(
           got.d_colour[i][k], want.d_colour[i][k],
-          (kOpacityError * alpha + 2 * (kOpacityError + kRoundoff) * want.weights[i]) *
+          (kOpacityError * alpha + 2 * (kOpacityError + kRoundoff + summed) * want.weights[i]) *
                   std::fabs(double{m.gradient[k]}) +
               kTiny,
           where..., "sample", i, "channel", k);
@@ -192,8 +196,8 @@ void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) 
   EXPECT_LE(sum, 1 + 1e-6) << "sum of weights";
   EXPECT_TRUE(got.pixel[3] >= 0 && got.pixel[3] <= 1) << "opacity " << got.pixel[3];
   for (size_t k = 0; k < 4; ++k)
-    errors.pixel.compare(got.pixel[k], want.pixel[k], kPixelError * largest + n * kTiny, where...,
-                         "channel", k);
+    errors.pixel.compare(got.pixel[k], want.pixel[k], (kPixelError + summed) * largest + n * kTiny,
+                         where..., "channel", k);
 }
 
 }  // namespace nerf::stress

@@ -12,10 +12,10 @@
 namespace nerf::stress {
 namespace {
 
-constexpr float kInf = std::numeric_limits<float>::infinity();
-constexpr float kDensities[] = {0,    1e-30f, 1e-10f, 1e-5f, 1e-3f, 0.1f,
-                                1.0f, 10.0f,  1e3f,   1e5f,  1e8f,  1e10f};
-constexpr float kLengths[] = {1e-7f, 1e-5f, 1e-3f, 0.1f, 1.0f, 1e2f, 1e4f, 1e7f};
+constexpr Real kInf = std::numeric_limits<Real>::infinity();
+constexpr Real kDensities[] = {0,     1e-30_r, 1e-10_r, 1e-5_r, 1e-3_r, 0.1_r,
+                               1.0_r, 10.0_r,  1e3_r,   1e5_r,  1e8_r,  1e10_r};
+constexpr Real kLengths[] = {1e-7_r, 1e-5_r, 1e-3_r, 0.1_r, 1.0_r, 1e2_r, 1e4_r, 1e7_r};
 
 Colour some_colour(Random& random) {
   return {random.uniform(), random.uniform(), random.uniform()};
@@ -26,13 +26,13 @@ TEST(StressComposite, EveryDensityOverEveryLength) {
   CompositeErrors errors;
   for_each_target([&](const std::string&) {
     Random random(1, 0, 0);
-    for (float density : kDensities)
-      for (float length : kLengths)
+    for (Real density : kDensities)
+      for (Real length : kLengths)
         for (int around : {0, 1, 40}) {
           Matter m;
-          for (int i = 0; i < around; ++i) m.add(0.02f, 0.5f, some_colour(random));
+          for (int i = 0; i < around; ++i) m.add(0.02_r, 0.5_r, some_colour(random));
           m.add(density, length, some_colour(random));
-          for (int i = 0; i < around; ++i) m.add(0.3f, 0.1f, some_colour(random));
+          for (int i = 0; i < around; ++i) m.add(0.3_r, 0.1_r, some_colour(random));
           check_ray(m, errors, "density", density, "length", length, "around", around);
         }
   });
@@ -50,8 +50,8 @@ TEST(StressComposite, RandomMagnitudes) {
       // Thin matter nearly everywhere, or the ray would end at its first samples.
       const double most = i % 2 ? 10 : -1;
       for (int s = 0; s < n; ++s)
-        m.add(static_cast<float>(std::pow(10.0, uniform(random, -12, most))),
-              static_cast<float>(std::pow(10.0, uniform(random, -7, i % 2 ? 7 : 0))),
+        m.add(static_cast<Real>(std::pow(10.0, uniform(random, -12, most))),
+              static_cast<Real>(std::pow(10.0, uniform(random, -7, i % 2 ? 7 : 0))),
               some_colour(random));
       check_ray(m, errors, "ray", i, "samples", n);
     }
@@ -65,18 +65,18 @@ TEST(StressComposite, EndlessLastInterval) {
   CompositeErrors errors;
   for_each_target([&](const std::string&) {
     Random random(3, 0, 0);
-    for (float length : {1e10f, 1e20f, std::numeric_limits<float>::max(), kInf})
-      for (float density : kDensities)
+    for (Real length : {1e10_r, 1e20_r, std::numeric_limits<Real>::max(), kInf})
+      for (Real density : kDensities)
         for (int before : {0, 1, 30}) {
           Matter m;
-          for (int i = 0; i < before; ++i) m.add(0.02f, 0.5f, some_colour(random));
-          m.add(density, length, {0.25f, 0.5f, 1.0f});
+          for (int i = 0; i < before; ++i) m.add(0.02_r, 0.5_r, some_colour(random));
+          m.add(density, length, {0.25_r, 0.5_r, 1.0_r});
           check_ray(m, errors, "density", density, "length", length, "before", before);
           const Rendered got = run_composite(m);
           const double front = std::exp(-0.01 * before);
           if (density == 0) {
             EXPECT_EQ(got.weights.back(), 0) << "nothing stops light";
-          } else if (density >= 1e-5f) {
+          } else if (density >= 1e-5_r) {
             EXPECT_NEAR(got.weights.back(), front, 2 * kOpacityError) << "all that is left";
             EXPECT_EQ(got.pixel[3], 1);
           }
@@ -90,11 +90,11 @@ TEST(StressComposite, EndlessLastInterval) {
 TEST(StressComposite, OpaqueAtTheFirstSample) {
   CompositeErrors errors;
   for_each_target([&](const std::string&) {
-    for (float density : {1e3f, 1e10f})
-      for (float behind : {0.0f, 1.0f, 1e10f})
+    for (Real density : {1e3_r, 1e10_r})
+      for (Real behind : {0.0_r, 1.0_r, 1e10_r})
         for (int n : {1, 2, 239}) {
           Matter m;
-          m.add(density, 1.0f, {0.3f, 0.6f, 0.9f});
+          m.add(density, 1.0_r, {0.3_r, 0.6_r, 0.9_r});
           Random random(4, 0, 0);
           for (int i = 1; i < n; ++i)
             m.add(behind, kLengths[static_cast<size_t>(i) % std::size(kLengths)],
@@ -123,7 +123,11 @@ TEST(StressComposite, EmptyRaysShowTheBackground) {
       for (int kind = 0; kind < 3; ++kind) {
         Matter m;
         for (int i = 0; i < n; ++i)
-          m.add(kind == 1 ? 1e10f : 0.0f, kind == 0 ? 1e7f : kind == 1 ? 0.0f : kInf, {1, 1, 1});
+          m.add(kind == 1 ? 1e10_r : 0.0_r,
+                kind == 0   ? 1e7_r
+                : kind == 1 ? 0.0_r
+                            : kInf,
+                {1, 1, 1});
         if (n > 0) check_ray(m, errors, "kind", kind, "samples", n);
         const Rendered got = run_composite(m);
         for (size_t k = 0; k < 3; ++k) EXPECT_EQ(got.pixel[k], m.background[k]);
@@ -138,11 +142,11 @@ TEST(StressComposite, OneSpike) {
   CompositeErrors errors;
   for_each_target([&](const std::string&) {
     Random random(5, 0, 0);
-    for (float density : {1e-20f, 1e-3f, 1.0f, 1e10f})
+    for (Real density : {1e-20_r, 1e-3_r, 1.0_r, 1e10_r})
       for (size_t at : {size_t{0}, size_t{1}, size_t{63}, size_t{126}, size_t{127}}) {
         Matter m;
         for (size_t i = 0; i < 128; ++i)
-          m.add(i == at ? density : 0.0f, i % 2 ? 1e-7f : 1.0f, some_colour(random));
+          m.add(i == at ? density : 0.0_r, i % 2 ? 1e-7_r : 1.0_r, some_colour(random));
         check_ray(m, errors, "density", density, "at", at);
         const Rendered got = run_composite(m);
         for (size_t i = 0; i < 128; ++i)
@@ -162,8 +166,8 @@ TEST(StressComposite, OpacityNeverFallsAsSamplesAreAdded) {
       Matter m;
       double before = 0;
       for (int s = 0; s < 100; ++s) {
-        m.add(static_cast<float>(std::pow(10.0, uniform(random, -9, i % 2 ? 1 : 4))),
-              static_cast<float>(std::pow(10.0, uniform(random, -7, 0))), some_colour(random));
+        m.add(static_cast<Real>(std::pow(10.0, uniform(random, -9, i % 2 ? 1 : 4))),
+              static_cast<Real>(std::pow(10.0, uniform(random, -7, 0))), some_colour(random));
         const double opacity = run_composite(m).pixel[3];
         EXPECT_GE(opacity, before) << "ray " << i << " sample " << s;
         before = opacity;
@@ -175,13 +179,13 @@ TEST(StressComposite, OpacityNeverFallsAsSamplesAreAdded) {
 // Gradients that the loss hands down, from nearly nothing to huge.
 TEST(StressComposite, GradientsOfEverySize) {
   CompositeErrors errors;
-  for (float size : {1e-30f, 1e-10f, 1e10f, 1e25f}) {
+  for (Real size : {1e-30_r, 1e-10_r, 1e10_r, 1e25_r}) {
     Random random(7, 0, 0);
     Matter m;
-    for (float& g : m.gradient) g *= size;
+    for (Real& g : m.gradient) g *= size;
     for (int i = 0; i < 100; ++i)
-      m.add(static_cast<float>(std::pow(10.0, uniform(random, -3, 2))),
-            static_cast<float>(std::pow(10.0, uniform(random, -7, 7))), some_colour(random));
+      m.add(static_cast<Real>(std::pow(10.0, uniform(random, -3, 2))),
+            static_cast<Real>(std::pow(10.0, uniform(random, -7, 7))), some_colour(random));
     check_ray(m, errors, "size", size);
   }
   errors.report();

@@ -15,34 +15,34 @@ namespace nerf::stress {
 namespace {
 
 struct Sizes {
-  float features, weights, delta;
+  Real features, weights, delta;
 };
 
 // Sizes whose products the network can hold at all: three layers of 16 to 32 terms each.
-constexpr Sizes kSizes[] = {{1, 1, 1e-3f},
+constexpr Sizes kSizes[] = {{1, 1, 1e-3_r},
                             {0, 1, 1},
                             {1, 0, 1},
-                            {1e-42f, 1, 1e-7f},
-                            {1e-20f, 1e-15f, 1},
-                            {1e4f, 1, 1e-3f},
-                            {1e4f, 1e3f, 1e7f},
-                            {1e10f, 1e2f, 1e-7f},
-                            {1e-10f, 1e4f, 1e7f},
-                            {1e15f, 1e-10f, 1e7f}};
+                            {1e-42_r, 1, 1e-7_r},
+                            {1e-20_r, 1e-15_r, 1},
+                            {1e4_r, 1, 1e-3_r},
+                            {1e4_r, 1e3_r, 1e7_r},
+                            {1e10_r, 1e2_r, 1e-7_r},
+                            {1e-10_r, 1e4_r, 1e7_r},
+                            {1e15_r, 1e-10_r, 1e7_r}};
 
 TEST(StressField, GradientsStayFinite) {
   for_each_target([&](const std::string&) {
     for (const Sizes& size : kSizes)
       for (int rays : {1, 7, 240})
-        for (float target : {0.0f, 1.0f}) {
+        for (Real target : {0.0_r, 1.0_r}) {
           SCOPED_TRACE("features " + std::to_string(size.features) + " weights " +
                        std::to_string(size.weights) + " rays " + std::to_string(rays));
           GridField field(small_options(), true, 2);
           field.initialise(91);
-          for (float& w : field.weights) w *= size.weights;
+          for (Real& w : field.weights) w *= size.weights;
           const GridTape tape(field, /*training=*/true);
           Chunk chunk(tape.tape);
-          AlignedArray<float> weight_gradient(field.weights.size());
+          AlignedArray<Real> weight_gradient(field.weights.size());
           chunk.weights = field.weights.data();
           chunk.weight_gradient = weight_gradient.data();
           chunk.samples = kChunkSamples;
@@ -69,11 +69,12 @@ TEST(StressField, GradientsStayFinite) {
           ASSERT_TRUE(std::isfinite(chunk.loss) && chunk.loss >= 0);
           const int64_t ls = chunk.stride(tape.colour), lr = chunk.stride(tape.image.pixel);
           for (int s = 0; s < kChunkSamples; ++s) {
-            const float density = chunk.data(tape.density)[s];
+            const Real density = chunk.data(tape.density)[s];
             // The largest is exp(kMaxLogDensity), a unit in the last place more or less.
-            ASSERT_TRUE(density >= 0 && density <= std::exp(kMaxLogDensity) * 1.000001f) << density;
+            ASSERT_TRUE(density >= 0 && density <= std::exp(kMaxLogDensity) * 1.000001_r)
+                << density;
             for (int k = 0; k < 3; ++k) {
-              const float c = chunk.data(tape.colour)[k * ls + s];
+              const Real c = chunk.data(tape.colour)[k * ls + s];
               ASSERT_TRUE(c >= 0 && c <= 1) << c;
             }
             for (int f = 0; f < tape.tape.rows(tape.features); ++f)
@@ -89,12 +90,12 @@ TEST(StressField, GradientsStayFinite) {
             }
             ASSERT_LE(sum, 1 + 1e-6);
             for (int k = 0; k < 4; ++k) {
-              const float p = chunk.data(tape.image.pixel)[k * lr + r];
+              const Real p = chunk.data(tape.image.pixel)[k * lr + r];
               // Weights times colours in double, each weight's light counted once: one rounding.
               ASSERT_TRUE(p >= 0 && p <= 1 + 2 * kRoundoff) << p;
             }
           }
-          for (float g : weight_gradient) ASSERT_TRUE(std::isfinite(g));
+          for (Real g : weight_gradient) ASSERT_TRUE(std::isfinite(g));
         }
   });
 }
@@ -102,15 +103,15 @@ TEST(StressField, GradientsStayFinite) {
 // A colour or a density at its limit still learns: the slope of a saturated density is that of 15,
 // and a loss hands a gradient on wherever light is left.
 TEST(StressField, ExtremeDensitiesStillReceiveGradient) {
-  for (float log_density : {-1e4f, -30.0f, 30.0f, 1e4f})
-    for (float length : {1e-7f, 1e-2f}) {
+  for (Real log_density : {-1e4_r, -30.0_r, 30.0_r, 1e4_r})
+    for (Real length : {1e-7_r, 1e-2_r}) {
       Tape tape(16, 1);
       const Value x = tape.input(1, Domain::kSamples, true);
       const Value colour = tape.input(3, Domain::kSamples, true);
       const Value delta = tape.input(1, Domain::kSamples), back = tape.input(3, Domain::kRays);
       const Value target = tape.input(3, Domain::kRays), scale = tape.input(1, Domain::kRays);
       const Composite image = composite(tape, truncated_exp(tape, x), colour, delta, back);
-      huber_loss(tape, image.pixel, target, scale, 0.5f);
+      huber_loss(tape, image.pixel, target, scale, 0.5_r);
       tape.plan();
       Chunk chunk(tape);
       const int32_t begin[] = {0, 1};
@@ -118,18 +119,18 @@ TEST(StressField, ExtremeDensitiesStillReceiveGradient) {
       chunk.ray_begin = begin;
       std::fill_n(chunk.data(x), 16, log_density);
       std::fill_n(chunk.data(delta), 1, length);
-      std::fill_n(chunk.data(scale), 1, 1.0f);
+      std::fill_n(chunk.data(scale), 1, 1.0_r);
       for (int k = 0; k < 3; ++k) {
         chunk.data(colour)[k * 16] = 1;
         chunk.data(back)[k * 16] = 0;
-        chunk.data(target)[k * 16] = 0.5f;
+        chunk.data(target)[k * 16] = 0.5_r;
       }
       tape.forward(chunk);
       tape.backward(chunk);
-      const double density = std::exp(std::min(log_density, 30.0f));
+      const double density = std::exp(std::min(log_density, 30.0_r));
       const double opacity = -std::expm1(-density * length), left = std::exp(-density * length);
       // 2 e per channel and white on black: d opacity / d density = length exp(-depth).
-      const double slope = std::exp(std::clamp(log_density, -15.0f, 15.0f));
+      const double slope = std::exp(std::clamp(log_density, -15.0_r, 15.0_r));
       const double want = 3 * 2 * (opacity - 0.5) * length * left * slope;
       // The difference e is off by 12 u of 1, density and slope by 2 u each; the depth's error of
       // 3 u depth moves exp(-depth) by that.

@@ -25,8 +25,8 @@ unsigned control_word() {
 #if defined(__x86_64__)
   return _mm_getcsr() & 0xffc0u;
 #else
-  const volatile float least = std::numeric_limits<float>::denorm_min();
-  const float twice = least + least;
+  const volatile Real least = std::numeric_limits<Real>::denorm_min();
+  const Real twice = least + least;
   return static_cast<unsigned>(std::fegetround()) * 2 + (twice > 0);
 #endif
 }
@@ -35,15 +35,15 @@ Frame picture(const RadianceField& field, ThreadPool& pool) {
   return render(field, pinhole(40, 30), look_at({2.5, 1.2, -1.4}, {0, 0, 0}), {}, pool);
 }
 
-std::vector<float> answers(const RadianceField& field, ThreadPool& pool) {
+std::vector<Real> answers(const RadianceField& field, ThreadPool& pool) {
   std::vector<Vec3d> points, directions;
   for (uint64_t i = 0; i < 700; ++i) {
     Random random(81, 0, i);
     points.push_back({random.uniform() - 0.5, random.uniform() - 0.5, random.uniform() - 0.5});
     directions.push_back(normalized(points.back() + Vec3d{0.1, 0, 0}));
   }
-  std::vector<float> out(4 * points.size());
-  const std::span<float> all(out);
+  std::vector<Real> out(4 * points.size());
+  const std::span<Real> all(out);
   field.query(points, directions, all.first(points.size()), all.subspan(points.size()), pool);
   return out;
 }
@@ -79,12 +79,12 @@ TEST(StressFpState, CallsLeaveTheCallersStateAsItWas) {
 // A caller may flush denormals or keep them: the same bits, for fields full of denormals too, among
 // them one whose networks magnify denormal features to densities.
 TEST(StressFpState, TheCallersStateChangesNoBit) {
-  for (float features : {1.0f, 1e-4f, 1e-38f})
-    for (float gain : {1.0f, 1e-19f, 3e18f}) {
+  for (Real features : {1.0_r, 1e-4_r, 1e-38_r})
+    for (Real gain : {1.0_r, 1e-19_r, 3e18_r}) {
       const RadianceField field = wild_field(false, 1, features, gain, 5);
       ThreadPool pool(2), alone(1);
       const Frame kept = picture(field, pool);
-      const std::vector<float> asked = answers(field, pool);
+      const std::vector<Real> asked = answers(field, pool);
       const FlushDenormals outer;
       const Frame flushed = picture(field, alone);
       EXPECT_EQ(kept.rgb, flushed.rgb);
@@ -99,17 +99,17 @@ TEST(StressFpState, TheCallersStateChangesNoBit) {
 // within the bounds of check_ray.
 TEST(StressFpState, CompositeOfDenormals) {
   CompositeErrors errors;
-  constexpr float kLeast = std::numeric_limits<float>::denorm_min();
+  constexpr Real kLeast = std::numeric_limits<Real>::denorm_min();
   for (bool flush : {false, true}) {
     const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
-    for (float density : {kLeast, 1e-40f, 1e-38f, 1.0f})
-      for (float length : {kLeast, 1e-40f, 1.0f, 1e7f})
-        for (float colour : {kLeast, 1e-39f, 1.0f}) {
+    for (Real density : {kLeast, 1e-40_r, 1e-38_r, 1.0_r})
+      for (Real length : {kLeast, 1e-40_r, 1.0_r, 1e7_r})
+        for (Real colour : {kLeast, 1e-39_r, 1.0_r}) {
           Matter m;
-          m.background = {colour, 1e-40f, 0};
-          m.gradient = {1, kLeast, 1e-38f, 1e-42f};
+          m.background = {colour, 1e-40_r, 0};
+          m.gradient = {1, kLeast, 1e-38_r, 1e-42_r};
           for (int i = 0; i < 40; ++i)
-            m.add(i % 3 ? density : 0.1f, i % 2 ? length : 0.3f, {colour, 1, kLeast});
+            m.add(i % 3 ? density : 0.1_r, i % 2 ? length : 0.3_r, {colour, 1, kLeast});
           check_ray(m, errors, "density", density, "length", length, "flush", flush);
         }
   }

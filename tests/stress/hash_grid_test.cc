@@ -18,8 +18,8 @@ namespace nerf::stress {
 namespace {
 
 namespace ref = reference;
-constexpr float kInf = std::numeric_limits<float>::infinity();
-constexpr double kTiny = std::numeric_limits<float>::min();
+constexpr Real kInf = std::numeric_limits<Real>::infinity();
+constexpr double kTiny = std::numeric_limits<Real>::min();
 
 ref::GridLevel reference_level(const HashGridLevel& l) {
   return {l.scale, l.resolution, l.entries, l.dense, static_cast<size_t>(l.features)};
@@ -42,16 +42,16 @@ size_t size_of(const HashGridLevel& level) {
 
 // Coordinates at vertices, one float to either side of them, in the middle of cells, at the borders
 // and outside of [0, 1].
-std::vector<float> coordinates(const HashGridLevel& level) {
-  std::vector<float> out = {0.0f,         -0.0f, 1.0f,  std::nextafter(1.0f, 0.0f),
-                            1.0f + 1e-6f, 2.0f,  1e6f,  std::numeric_limits<float>::max(),
-                            -1e-6f,       -1e6f, 1e-7f, std::numeric_limits<float>::denorm_min(),
-                            -1e-40f,      kInf,  -kInf, std::numeric_limits<float>::min()};
+std::vector<Real> coordinates(const HashGridLevel& level) {
+  std::vector<Real> out = {0.0_r,          -0.0_r, 1.0_r,  std::nextafter(1.0_r, 0.0_r),
+                           1.0_r + 1e-6_r, 2.0_r,  1e6_r,  std::numeric_limits<Real>::max(),
+                           -1e-6_r,        -1e6_r, 1e-7_r, std::numeric_limits<Real>::denorm_min(),
+                           -1e-40_r,       kInf,   -kInf,  std::numeric_limits<Real>::min()};
   const double cells = std::floor(double{level.scale} + 0.5);
   for (double vertex : {1.0, 2.0, std::floor(cells / 2), cells - 1, cells})
     for (double off : {0.0, 0.5}) {
-      const float at = static_cast<float>((vertex + off - 0.5) / double{level.scale});
-      for (float x : {std::nextafter(at, -kInf), at, std::nextafter(at, kInf)}) out.push_back(x);
+      const Real at = static_cast<Real>((vertex + off - 0.5) / double{level.scale});
+      for (Real x : {std::nextafter(at, -kInf), at, std::nextafter(at, kInf)}) out.push_back(x);
     }
   return out;
 }
@@ -59,11 +59,11 @@ std::vector<float> coordinates(const HashGridLevel& level) {
 // Triples of them, at random.
 struct Places {
   Places(const HashGridLevel& level, int64_t n, Random& random) : p(3, n) {
-    const std::vector<float> all = coordinates(level);
+    const std::vector<Real> all = coordinates(level);
     for (int i = 0; i < 3; ++i)
       for (int64_t s = 0; s < p.padded; ++s) p.at(i, s) = all[random.below(all.size())];
   }
-  const float* row(int i) const { return p.data.data() + i * p.ld; }
+  const Real* row(int i) const { return p.data.data() + i * p.ld; }
   std::array<double, 3> at(int64_t s) const { return {p.at(0, s), p.at(1, s), p.at(2, s)}; }
   Matrix p;
 };
@@ -80,8 +80,8 @@ TEST(StressHashGrid, CornersEdgesAndFaces) {
     Random random(51, 0, 0);
     for (const HashGridLevel& level : levels())
       for (bool flush : {false, true}) {
-        AlignedArray<float> table(size_of(level));
-        for (float& v : table) v = uniform(random, -1, 1);
+        AlignedArray<Real> table(size_of(level));
+        for (Real& v : table) v = uniform(random, -1, 1);
         // The last feature is 1 everywhere and shows the sum of the weights.
         const int last = level.features - 1;
         for (size_t i = static_cast<size_t>(last); i < table.size();
@@ -117,13 +117,13 @@ TEST(StressHashGrid, OnAVertexItsRowAlone) {
   for_each_target([&](const std::string&) {
     Random random(52, 0, 0);
     for (const HashGridLevel& level : levels()) {
-      const auto on_vertex = [&](float x) {
+      const auto on_vertex = [&](Real x) {
         if (!(x >= 0 && x <= 1)) return false;
-        const float at = std::fma(x, level.scale, 0.5f);
+        const Real at = std::fma(x, level.scale, 0.5_r);
         return at == std::floor(at);
       };
-      AlignedArray<float> table(size_of(level));
-      for (float& v : table) v = uniform(random, -1, 1) * 1e30f;
+      AlignedArray<Real> table(size_of(level));
+      for (Real& v : table) v = uniform(random, -1, 1) * 1e30_r;
       const Places places(level, 16384, random);
       Matrix features(level.features, places.p.n);
       hash_grid_forward(level, table.data(), places.row(0), places.row(1), places.row(2),
@@ -133,7 +133,7 @@ TEST(StressHashGrid, OnAVertexItsRowAlone) {
         bool all = true;
         for (int i = 0; i < 3; ++i) {
           all = all && on_vertex(places.p.at(i, s));
-          if (all) at[i] = static_cast<uint32_t>(std::fma(places.p.at(i, s), level.scale, 0.5f));
+          if (all) at[i] = static_cast<uint32_t>(std::fma(places.p.at(i, s), level.scale, 0.5_r));
         }
         if (!all) continue;
         ++hits;
@@ -153,15 +153,15 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
   for_each_target([&](const std::string&) {
     Random random(53, 0, 0);
     for (const HashGridLevel& level : levels()) {
-      AlignedArray<float> table(size_of(level));
-      for (float& v : table) v = uniform(random, -1, 1);
+      AlignedArray<Real> table(size_of(level));
+      for (Real& v : table) v = uniform(random, -1, 1);
       const Places places(level, 512, random);
       Places clamped = places;
       for (int i = 0; i < 3; ++i)
         for (int64_t s = 0; s < clamped.p.padded; ++s)
-          clamped.p.at(i, s) = std::clamp(clamped.p.at(i, s), 0.0f, 1.0f);
+          clamped.p.at(i, s) = std::clamp(clamped.p.at(i, s), 0.0_r, 1.0_r);
       Matrix g(level.features, 512, random, -1, 1);
-      std::vector<AlignedArray<float>> gradients;
+      std::vector<AlignedArray<Real>> gradients;
       Matrix features[2] = {{level.features, 512}, {level.features, 512}};
       for (int k = 0; k < 2; ++k) {
         const Places& p = k ? clamped : places;
@@ -193,7 +193,7 @@ TEST(StressHashGrid, GradientsOfEveryMagnitudeArrive) {
           const size_t features = static_cast<size_t>(level.features);
           const Places places(level, kSamples, random);
           Matrix g(level.features, kSamples, random, 0.1 * size, size, Matrix::Padding::kZero);
-          AlignedArray<float> gradient(size_of(level));
+          AlignedArray<Real> gradient(size_of(level));
           AlignedArray<uint8_t> touched(level.entries);
           {
             const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
@@ -227,7 +227,7 @@ TEST(StressHashGrid, NoDenseLevelLeavesItsTable) {
           for (const HashGridLevel& level : hash_grid_shape(count, log2, base, finest).levels) {
             if (!level.dense) continue;
             ++dense;
-            const uint32_t last = static_cast<uint32_t>(std::fma(1.0f, level.scale, 0.5f)) + 1;
+            const uint32_t last = static_cast<uint32_t>(std::fma(1.0_r, level.scale, 0.5_r)) + 1;
             ASSERT_LT(last, level.resolution) << "scale " << level.scale;
             const uint32_t row = ref::grid_row(reference_level(level), last, last, last);
             ASSERT_LT(row, level.entries) << "scale " << level.scale;

@@ -16,14 +16,14 @@
 namespace nerf::stress {
 namespace {
 
-constexpr double kTiny = std::numeric_limits<float>::min();
+constexpr double kTiny = std::numeric_limits<Real>::min();
 using Vector = std::vector<double>;
 
 // A number of random sign and magnitude: any power of ten in [low, high], 0 at times.
-float any_size(Random& random, double low, double high) {
-  if (random.uniform() < 0.05f) return random.uniform() < 0.5f ? 0.0f : -0.0f;
+Real any_size(Random& random, double low, double high) {
+  if (random.uniform() < 0.05_r) return random.uniform() < 0.5_r ? 0.0_r : -0.0_r;
   const double v = std::pow(10.0, uniform(random, low, high));
-  return static_cast<float>(random.uniform() < 0.5f ? v : -v);
+  return static_cast<Real>(random.uniform() < 0.5_r ? v : -v);
 }
 
 struct Case {
@@ -34,12 +34,12 @@ struct Case {
     for (int j = 0; j < out; ++j)
       for (int k = 0; k < in; ++k) weight(j, k) = any_size(random, low, high);
   }
-  float& weight(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
-  float weight(int j, int k) const { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+  Real& weight(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+  Real weight(int j, int k) const { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
 
   int in, out;
   Matrix x;
-  AlignedArray<float> w;
+  AlignedArray<Real> w;
 };
 
 Vector packed(const Case& c, bool absolute) {
@@ -112,8 +112,8 @@ TEST(StressLinear, BackwardOfEveryMagnitude) {
     Matrix dy(c.out, c.x.n), dx(c.in, c.x.n);
     for (int j = 0; j < c.out; ++j)
       for (int64_t s = 0; s < dy.padded; ++s)
-        dy.at(j, s) = s < dy.n ? any_size(random, low, high) : 0.0f;
-    AlignedArray<float> dw(c.w.size());
+        dy.at(j, s) = s < dy.n ? any_size(random, low, high) : 0.0_r;
+    AlignedArray<Real> dw(c.w.size());
     {
       const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
       linear_backward_input(c.in, c.out, c.w.data(), dy.data.data(), dx.data.data(), c.x.ld, c.x.n,
@@ -157,7 +157,7 @@ TEST(StressLinear, BackwardOfEveryMagnitude) {
 TEST(StressLinear, OverflowInOneSampleTouchesNoOther) {
   for_each_target([&](const std::string&) {
     for (const auto& [in, out] : {std::pair{5, 3}, {31, 16}, {64, 64}})
-      for (float odd : {1e38f, std::numeric_limits<float>::infinity(), std::nanf("")})
+      for (Real odd : {1e38_r, std::numeric_limits<Real>::infinity(), Real{NAN}})
         for (int64_t at : {0, 7, 15, 16, 39}) {
           Random random(32, 0, 0);
           const Case c(in, out, 40, -2, 2, random);
@@ -171,7 +171,7 @@ TEST(StressLinear, OverflowInOneSampleTouchesNoOther) {
             Matrix dy(out, 40);
             for (int j = 0; j < out; ++j)
               for (int64_t s = 0; s < dy.padded; ++s)
-                dy.at(j, s) = s >= 40 ? 0.0f : i && s == at ? odd : 0.5f;
+                dy.at(j, s) = s >= 40 ? 0.0_r : i && s == at ? odd : 0.5_r;
             linear_backward_input(in, out, c.w.data(), dy.data.data(), dx[i].data.data(), dy.ld, 40,
                                   nullptr);
           }

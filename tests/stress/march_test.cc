@@ -88,7 +88,8 @@ TEST(StressMarch, ThroughCornersFromFarAway) {
           double slowest = 1;
           for (int i = 0; i < 3; ++i)
             if (ray.direction[i] != 0) slowest = std::min(slowest, std::fabs(ray.direction[i]));
-          const double unseen = 4 * kRoundoff * std::ldexp(1.0, scene.cascades - 1);
+          const double unseen =
+              4 * kRoundoff * std::ldexp(1.0, scene.cascades - 1) + 4 * kDoubleRoundoff * distance;
           march_and_compare(scene, sampler, ray, "through corners", kEverywhere,
                             2 * unseen / slowest);
           met += !sampler.segments().empty();

@@ -36,7 +36,7 @@ TEST(StressPositions, ContractionAtEveryDistance) {
   WorstError worst("contraction");
   for (double radius : kRadii)
     for (const Vec3d& d : directions()) {
-      const Vec3 x = (d * radius).cast<float>();
+      const Vec3 x = (d * radius).cast<Real>();
       const Vec3 z = contract(x);
       const auto want = reference::contract<double>({x.x, x.y, x.z});
       for (int i = 0; i < 3; ++i) {
@@ -69,7 +69,7 @@ TEST(StressPositions, PlaceOnTheGrid) {
   for (const Vec3d& d : directions()) {
     double before = 0;
     for (double radius : kRadii) {
-      const Vec3 g = unbounded->grid_position((d * radius).cast<float>());
+      const Vec3 g = unbounded->grid_position((d * radius).cast<Real>());
       double from_middle = 0;
       for (int i = 0; i < 3; ++i) {
         ASSERT_TRUE(g[i] >= -4 * kRoundoff && g[i] <= 1 + 4 * kRoundoff) << radius << ' ' << g[i];
@@ -79,9 +79,9 @@ TEST(StressPositions, PlaceOnTheGrid) {
       before = from_middle;
     }
   }
-  EXPECT_EQ(bounded->grid_position({0, 0, 0}), (Vec3{0.5f, 0.5f, 0.5f}));
+  EXPECT_EQ(bounded->grid_position({0, 0, 0}), (Vec3{0.5_r, 0.5_r, 0.5_r}));
   EXPECT_EQ(bounded->grid_position({-1, 1, -1}), (Vec3{0, 1, 0}));
-  EXPECT_EQ(unbounded->grid_position({0, 0, 0}), (Vec3{0.5f, 0.5f, 0.5f}));
+  EXPECT_EQ(unbounded->grid_position({0, 0, 0}), (Vec3{0.5_r, 0.5_r, 0.5_r}));
 }
 
 // Inside the outermost cascade the field's density and colour; outside no density, and a colour
@@ -106,13 +106,13 @@ TEST(StressPositions, QueryAtEveryDistance) {
           const double most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
           inside.push_back(most < half);
         }
-      std::vector<float> density(points.size()), rgb(3 * points.size());
+      std::vector<Real> density(points.size()), rgb(3 * points.size());
       ThreadPool pool(2);
       field.query(points, seen_along, density, rgb, pool);
       for (size_t i = 0; i < points.size(); ++i) {
         // exp(1) by Highway's Exp, then halved.
         EXPECT_NEAR(density[i], inside[i] ? 0.5 * std::exp(1.0) : 0.0, 8 * kRoundoff) << i;
-        for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5f) << i;
+        for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5_r) << i;
       }
     }
 }

@@ -75,16 +75,16 @@ void compare(const std::string& name, bool unbounded, int cascades, double densi
   ThreadPool pool(2);
   const RadianceField field = constant_field({.unbounded = unbounded,
                                               .cascades = cascades,
-                                              .log_density = static_cast<float>(std::log(density)),
+                                              .log_density = static_cast<Real>(std::log(density)),
                                               .colour_logit = {0, 2, -3},
                                               .level = 3});
-  const double sigma = std::exp(static_cast<double>(static_cast<float>(std::log(density))));
+  const double sigma = std::exp(static_cast<double>(static_cast<Real>(std::log(density))));
   RenderOptions options;
   options.unclipped = unclipped;
   options.unshaded = 0;
   options.precision = Precision::kF32;  // whose roundings the tolerances are
   options.min_transmittance = 0;
-  options.background = {0.1f, 0.9f, 0.3f};
+  options.background = {0.1_r, 0.9_r, 0.3_r};
   for (const Shot& shot : kShots) {
     const Camera camera = pinhole(24, shot.focal);
     const Pose pose = look_at(shot.eye, shot.target);

@@ -77,14 +77,14 @@ TEST(StressRender, EveryPixelOfEveryView) {
     std::vector<std::pair<std::string, RadianceField>> fields;
     const int cascades = unbounded ? 4 : 1;
     fields.emplace_back("wild", wild_field(unbounded, cascades, 1, 2, 7, frame));
-    fields.emplace_back("huge", wild_field(unbounded, cascades, 1e6f, 1e3f, 8, frame));
-    fields.emplace_back("faint", wild_field(unbounded, cascades, 1e-30f, 1e-3f, 9, frame));
+    fields.emplace_back("huge", wild_field(unbounded, cascades, 1e6_r, 1e3_r, 8, frame));
+    fields.emplace_back("faint", wild_field(unbounded, cascades, 1e-30_r, 1e-3_r, 9, frame));
     fields.emplace_back("white wall",
-                        constant_field({unbounded, cascades, 1e4f, {1e4f, 1e4f, 1e4f}}, frame));
+                        constant_field({unbounded, cascades, 1e4_r, {1e4_r, 1e4_r, 1e4_r}}, frame));
     fields.emplace_back("white mist",
-                        constant_field({unbounded, cascades, -1, {1e4f, 1e4f, 1e4f}}, frame));
+                        constant_field({unbounded, cascades, -1, {1e4_r, 1e4_r, 1e4_r}}, frame));
     fields.emplace_back("black vacuum",
-                        constant_field({unbounded, cascades, -1e4f, {-1e4f, 0, 1}}, frame));
+                        constant_field({unbounded, cascades, -1e4_r, {-1e4_r, 0, 1}}, frame));
     for (const auto& [name, field] : fields)
       for (const View& v : views())
         for (int mode = 0; mode < 3; ++mode) {
@@ -93,9 +93,9 @@ TEST(StressRender, EveryPixelOfEveryView) {
           RenderOptions options;
           if (mode == 1) options.unclipped = true;
           if (mode == 2) {
-            options.unshaded = 0.2f;
-            options.background = {0, 1, 0.5f};
-            options.sample_factor = 1e-3f;
+            options.unshaded = 0.2_r;
+            options.background = {0, 1, 0.5_r};
+            options.sample_factor = 1e-3_r;
           }
           const Frame picture = render(field, v.camera, frame.apply_inverse(v.pose), options, pool);
           expect_picture(picture);
@@ -103,7 +103,7 @@ TEST(StressRender, EveryPixelOfEveryView) {
   }
 }
 
-RenderOptions with(float RenderOptions::* option, float value) {
+RenderOptions with(Real RenderOptions::* option, Real value) {
   RenderOptions options;
   options.*option = value;
   return options;
@@ -120,11 +120,11 @@ TEST(StressRender, OptionsAtTheirLimits) {
     return frame;
   };
   const Frame plain = picture({});
-  for (float factor : {0.0f, 1e-30f, 1e3f, 1e30f, std::numeric_limits<float>::infinity()})
+  for (Real factor : {0.0_r, 1e-30_r, 1e3_r, 1e30_r, std::numeric_limits<Real>::infinity()})
     picture(with(&RenderOptions::sample_factor, factor));
-  for (float stop : {0.0f, 1e-45f, 1e-30f, 0.5f, 1.0f})
+  for (Real stop : {0.0_r, 1e-45_r, 1e-30_r, 0.5_r, 1.0_r})
     picture(with(&RenderOptions::min_transmittance, stop));
-  for (float left : {0.0f, 1e-45f, 0.5f, 1.0f, 1e30f})
+  for (Real left : {0.0_r, 1e-45_r, 0.5_r, 1.0_r, 1e30_r})
     picture(with(&RenderOptions::unshaded, left));
 
   // A box without end in some or all directions cuts nothing off; one without volume leaves
@@ -139,7 +139,7 @@ TEST(StressRender, OptionsAtTheirLimits) {
     EXPECT_NE(half.rgb, plain.rgb) << far;
   }
   for (const Box3& box : {Box3{{0.1, 0.1, 0.1}, {0.1, 0.1, 0.1}}, Box3{{50, 50, 50}, {60, 60, 60}}})
-    for (float alpha : picture({.bbox = box}).alpha) ASSERT_EQ(alpha, 0);
+    for (Real alpha : picture({.bbox = box}).alpha) ASSERT_EQ(alpha, 0);
 }
 
 // Where a capture's coordinates lie, and its unit, make no difference beyond the roundings of

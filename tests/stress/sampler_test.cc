@@ -7,6 +7,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "math/worst_error.h"
@@ -16,7 +17,7 @@
 namespace nerf::stress {
 namespace {
 
-constexpr float kInf = std::numeric_limits<float>::infinity();
+constexpr Real kInf = std::numeric_limits<Real>::infinity();
 
 Ray ray_of(const Vec3d& origin, const Vec3d& direction, double near = 0, double far = 1e30) {
   return {origin, normalized(direction), near, far};
@@ -54,8 +55,8 @@ std::vector<Histogram> histograms() {
 
 std::vector<SamplerOptions> all_options() {
   std::vector<SamplerOptions> out;
-  for (float share : {1.0f, 10.0f, 1e-3f, 1e-6f, 1e-20f, 1e-38f, 1e-44f, 0.0f})
-    for (float per_cell : {1e-30f, 0.1f, 3.0f, 1e9f, 1e30f, kInf})
+  for (Real share : {1.0_r, 10.0_r, 1e-3_r, 1e-6_r, 1e-20_r, 1e-38_r, 1e-44_r, 0.0_r})
+    for (Real per_cell : {1e-30_r, 0.1_r, 3.0_r, 1e9_r, 1e30_r, kInf})
       for (const auto& [fewest, most] : {std::pair{1, 1}, {2, 32}, {240, 240}, {7, 240}}) {
         SamplerOptions o;
         o.max_samples = most;
@@ -137,13 +138,13 @@ TEST(StressSampler, CountsAreAtTheirLimits) {
   options.min_samples = 3;
   options.max_samples = 77;
   RaySamples out;
-  const auto count = [&](float per_cell) {
+  const auto count = [&](Real per_cell) {
     options.samples_per_cell = per_cell;
     RaySampler sampler(grid, options, kEverywhere);
     return sampler.sample(rays()[0], nullptr, true, out);
   };
-  for (float few : {0.0f, 1e-45f, 1e-30f, 1e-3f}) EXPECT_EQ(count(few), 3) << few;
-  for (float many : {10.0f, 1e7f, 3e7f, 1e10f, 1e30f, std::numeric_limits<float>::max(), kInf})
+  for (Real few : {0.0_r, 1e-45_r, 1e-30_r, 1e-3_r}) EXPECT_EQ(count(few), 3) << few;
+  for (Real many : {10.0_r, 1e7_r, 3e7_r, 1e10_r, 1e30_r, std::numeric_limits<Real>::max(), kInf})
     EXPECT_EQ(count(many), 77) << many;
 }
 
@@ -161,9 +162,14 @@ TEST(StressSampler, WithoutAnyMassAllMatterIsAlike) {
   ASSERT_EQ(sampler.sample(ray, nullptr, false, alike), 7);
   ASSERT_EQ(sampler.segments().size(), 2u);
   ASSERT_EQ(sampler.sample(ray, nullptr, true, cached), 7);
+  EXPECT_GT(alike.delta.front(), 0);
+  // In double every passage that the march does not step over stops some light.
+  if (sampler.segments().front().thickness > std::numeric_limits<Real>::epsilon()) {
+    EXPECT_FALSE((std::is_same_v<Real, float>));
+    return;
+  }
   EXPECT_EQ(cached.t, alike.t);
   EXPECT_EQ(cached.delta, alike.delta);
-  EXPECT_GT(alike.delta.front(), 0);
 }
 
 // The distribution in double at the borders that were found in float: each interval holds one
@@ -174,7 +180,7 @@ TEST(StressSampler, IntervalsHoldEqualMass) {
   WorstError worst("mass");
   for (const Histogram& h : histograms()) {
     const OccupancyGrid grid = make_grid(1, h.pattern);
-    for (float uniform : {1.0f, 10.0f, 0.01f})
+    for (Real uniform : {1.0_r, 10.0_r, 0.01_r})
       for (int most : {1, 8, 240}) {
         SamplerOptions options;
         options.min_samples = options.max_samples = most;

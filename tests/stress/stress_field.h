@@ -20,8 +20,8 @@ namespace nerf::stress {
 struct ConstantField {
   bool unbounded = false;
   int cascades = 1;
-  float log_density = 0;  // per engine unit
-  std::array<float, 3> colour_logit{0, 0, 0};
+  Real log_density = 0;  // per engine unit
+  std::array<Real, 3> colour_logit{0, 0, 0};
   uint8_t level = 30;  // of occupancy
 };
 
@@ -39,19 +39,19 @@ inline GridOptions small_options() {
 
 inline std::shared_ptr<GridField> constant_grid(const ConstantField& c) {
   auto grid = std::make_shared<GridField>(small_options(), c.unbounded, c.cascades);
-  const auto weight = [&](const LinearWeights& w, int row, int column) -> float& {
+  const auto weight = [&](const LinearWeights& w, int row, int column) -> Real& {
     return grid->weights[w.offset + static_cast<size_t>(row * weight_stride(w.in) + column)];
   };
   // Every feature is 1. One hidden unit carries it, in either network: through the constant of the
   // spherical harmonics in that of colours.
-  for (float& v : grid->table) v = 1;
+  for (Real& v : grid->table) v = 1;
   weight(grid->density_layers[0], 0, 0) = 1;
   weight(grid->density_layers[1], 0, 0) = c.log_density;
   const int constant = grid->options.geometry_features;
   weight(grid->colour_layers[0], 0, constant) = 1;
   for (int k = 0; k < 3; ++k)
     weight(grid->colour_layers[1], k, 0) =
-        c.colour_logit[static_cast<size_t>(k)] / 0.28209479177387814f;
+        c.colour_logit[static_cast<size_t>(k)] / 0.28209479177387814_r;
   grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), c.level));
   return grid;
 }
@@ -65,12 +65,12 @@ inline RadianceField constant_field(const ConstantField& c, const Similarity& to
 }
 
 // Random weights of the given sizes: densities over many magnitudes, colours of all kinds.
-inline RadianceField wild_field(bool unbounded, int cascades, float features, float gain,
+inline RadianceField wild_field(bool unbounded, int cascades, Real features, Real gain,
                                 uint64_t seed, const Similarity& to_engine = {}) {
   auto grid = std::make_shared<GridField>(small_options(), unbounded, cascades);
   grid->initialise(seed);
-  for (float& v : grid->table) v *= features / 1e-4f;
-  for (float& v : grid->weights) v *= gain;
+  for (Real& v : grid->table) v *= features / 1e-4_r;
+  for (Real& v : grid->weights) v *= gain;
   std::vector<uint8_t> levels(grid->occupancy.levels().size());
   for (size_t i = 0; i < levels.size(); ++i) {
     const uint64_t h = mix64(seed + i);

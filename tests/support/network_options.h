@@ -18,7 +18,7 @@ inline NetworkOptions mipnerf_options() {
   o.shared = true;
   o.density = DensityActivation::kSoftplus;
   o.density_bias = -1;
-  o.colour_padding = 0.001f;
+  o.colour_padding = 0.001_r;
   return o;
 }
 

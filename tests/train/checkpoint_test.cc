@@ -1,3 +1,10 @@
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <cstring>
+#include <type_traits>
+
 #include "nerf/base/file.h"
 #include "nerf/train/trainer.h"
 #include "support/synthetic_scene.h"
@@ -143,6 +150,26 @@ TEST_F(CheckpointErrors, OtherOptionsAreNamedButThePlanComesFromTheFile) {
   Trainer trainer(state->capture.scene, state->capture.photos, tiny_options(77), state->pool);
   trainer.load_checkpoint(state->path);
   EXPECT_EQ(trainer.options().steps, 10);
+}
+
+// Of a program that computes in double where this one does in float, or the other way round. Files
+// from before there were two are of float.
+TEST_F(CheckpointErrors, AnotherRealIsNamed) {
+  const bool single = std::is_same_v<Real, float>;
+  const auto loading_with = [&](const std::string& from, const std::string& to) {
+    return loading_changed([&](std::vector<uint8_t>& b) {
+      const auto at = std::search(b.begin(), b.end(), from.begin(), from.end());
+      ASSERT_NE(at, b.end()) << from;
+      std::copy(to.begin(), to.end(), at);
+      const auto crc = static_cast<uint32_t>(::crc32_z(0, b.data(), b.size() - 4));
+      std::memcpy(b.data() + b.size() - 4, &crc, 4);
+    });
+  };
+  const std::string error = single ? loading_with("\"real\":\"float\"", "\"real\":\"other\"")
+                                   : loading_with("\"real\":\"double\"", "\"real\":\"others\"");
+  for (const char* part : {"changed", "computes in other", "NERF_DOUBLE"})
+    EXPECT_TRUE(contains(error, part)) << error;
+  EXPECT_EQ(loading_with("\"real\"", "\"rael\"").empty(), single);
 }
 
 TEST_F(CheckpointErrors, AnotherVersionHasItsOwnMessage) {

@@ -34,10 +34,10 @@ double distortion_of(const RadianceField& field, const Camera& camera, const Pos
       for (int i = 0; i < kIntervals; ++i)
         points.push_back(pose.translation + d * (edges[static_cast<size_t>(i)] + 1.0 / kIntervals));
       const std::vector<Vec3d> directions(points.size(), d);
-      std::vector<float> density(points.size()), rgb(3 * points.size());
+      std::vector<Real> density(points.size()), rgb(3 * points.size());
       field.query(points, directions, density, rgb, pool);
       double light = 1;
-      for (const float sigma : density) {
+      for (const Real sigma : density) {
         const double alpha = -std::expm1(-static_cast<double>(sigma) * 2 / kIntervals);
         weights.push_back(light * alpha);
         light *= 1 - alpha;

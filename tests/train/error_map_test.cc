@@ -29,7 +29,7 @@ PhotoSet photos_of(const std::vector<std::pair<int, int>>& sizes) {
 TEST(ErrorMap, TilesOfEveryPhotoAreDisjoint) {
   const PhotoSet photos = photos_of({{17, 9}, {8, 8}, {1, 25}});
   const std::vector<int> views = {2, 0, 1};
-  ErrorMap map(photos, views, 0.5f);
+  ErrorMap map(photos, views, 0.5_r);
   std::set<int32_t> seen;
   for (size_t i = 0; i < views.size(); ++i) {
     const Photo& photo = photos.photos[static_cast<size_t>(views[i])];
@@ -48,20 +48,20 @@ TEST(ErrorMap, TilesOfEveryPhotoAreDisjoint) {
 TEST(ErrorMap, ChanceFollowsTheRootOfTheErrorAgainstItsMean) {
   const PhotoSet photos = photos_of({{32, 8}});
   const std::vector<int> views = {0};
-  constexpr float kGuidance = 0.8f;
+  constexpr Real kGuidance = 0.8_r;
   ErrorMap map(photos, views, kGuidance);
-  const float average = 1 / ErrorMap::kMostFavoured;
+  const Real average = 1 / ErrorMap::kMostFavoured;
   for (int32_t t = 0; t < 4; ++t) EXPECT_NEAR(map.chance(t), average, 1.0 / 256) << "unseen";
-  map.observe(0, 0.0f);
-  map.observe(1, 0.01f);
-  map.observe(2, 0.09f);  // roots 0, 0.1, 0.3: mean 0.4 / 3
+  map.observe(0, 0.0_r);
+  map.observe(1, 0.01_r);
+  map.observe(2, 0.09_r);  // roots 0, 0.1, 0.3: mean 0.4 / 3
   map.refresh();
-  const float ratio[] = {0, 0.75f, 2.25f, 1};
+  const Real ratio[] = {0, 0.75_r, 2.25_r, 1};
   for (int32_t t = 0; t < 4; ++t) {
-    const float want = std::min(1.0f, (1 - kGuidance + kGuidance * ratio[t]) * average);
+    const Real want = std::min(1.0_r, (1 - kGuidance + kGuidance * ratio[t]) * average);
     EXPECT_NEAR(map.chance(t), want, 1.01 / 256) << t;
   }
-  for (int i = 0; i < 200; ++i) map.observe(0, 0.09f);  // forgets: 0.9^200
+  for (int i = 0; i < 200; ++i) map.observe(0, 0.09_r);  // forgets: 0.9^200
   map.refresh();
   EXPECT_EQ(map.chance(0), map.chance(2));
   map.reset();
@@ -72,9 +72,9 @@ TEST(ErrorMap, ChanceFollowsTheRootOfTheErrorAgainstItsMean) {
 // deviations of 40000 draws are below 0.01.
 TEST(ErrorMap, PixelsAreDrawnByTheirChances) {
   auto capture = test::sphere_capture();
-  ErrorMap map(capture.photos, capture.scene.train, 0.9f);
+  ErrorMap map(capture.photos, capture.scene.train, 0.9_r);
   for (size_t t = 0; t < map.errors().size(); ++t)
-    map.observe(static_cast<int32_t>(t), t % 3 == 0 ? 0.04f : 0.0f);
+    map.observe(static_cast<int32_t>(t), t % 3 == 0 ? 0.04_r : 0.0_r);
   map.refresh();
   const PixelSource source(capture.scene, capture.photos);
   const Photo& photo = capture.photos.photos[static_cast<size_t>(capture.scene.train[0])];

@@ -65,8 +65,8 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.final_rate = 0.5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.warmup_steps = 8; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.hold = 0.5; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.uniform_share = 0.1f; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.min_transmittance = 0.5f; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.uniform_share = 0.1_r; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.min_transmittance = 0.5_r; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.antialias = true; }));
 }
 

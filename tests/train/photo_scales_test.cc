@@ -58,12 +58,12 @@ TEST(PhotoScales, PixelsAreTheMeansOfThoseTheyCover) {
         double sum[4] = {0, 0, 0, 0};
         for (int j = 0; j < scale; ++j)
           for (int i = 0; i < scale; ++i) {
-            float p[4];
+            Real p[4];
             full.pixel(scale * x + i, scale * y + j, p);
             for (int k = 0; k < 3; ++k) sum[k] += static_cast<double>(p[k] * p[3]);
             sum[3] += static_cast<double>(p[3]);
           }
-        float got[4];
+        Real got[4];
         photo.pixel(x, y, got);
         EXPECT_NEAR(static_cast<double>(got[3]), sum[3] / (scale * scale), 0.51 / 255);
         for (int k = 0; k < 3 && sum[3] > 0; ++k)
@@ -151,7 +151,7 @@ TEST(PhotoScales, EveryScaleWeighsTheSame) {
   const auto c = scaled_capture(3);
   const PixelSource source(c.scene, c.photos);
   EXPECT_NEAR(source.mean_weight(), 3 / (1 + 0.25 + 0.0625), 1e-6);
-  std::map<float, double> weight;
+  std::map<Real, double> weight;
   constexpr int kDraws = 200000;
   for (uint64_t i = 0; i < kDraws; ++i) {
     Random random(1, 2, i);

@@ -6,6 +6,7 @@
 
 #include "nerf/autodiff/tape.h"
 #include "nerf/base/aligned.h"
+#include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/kernels/linear.h"
 
@@ -33,7 +34,7 @@ struct LinearWeights {
 // Places the layers' packs one behind the other.
 void place_packs(std::span<LinearWeights* const> layers);
 // Packs the layers anew, for Chunk::packed. Allocates at the first call only.
-void pack_layers(std::span<const LinearWeights> layers, const float* weights,
+void pack_layers(std::span<const LinearWeights> layers, const Real* weights,
                  AlignedArray<uint16_t>& packed, ThreadPool& pool);
 
 // [in x n] -> [out x n]: act(W x + b).
@@ -54,7 +55,7 @@ Value truncated_exp(Tape& tape, Value x);
 Value sigmoid(Tape& tape, Value x);
 
 // log(1 + exp(x + shift)): a density that cannot die (Barron et al. 2021, section 3.1).
-Value softplus(Tape& tape, Value x, float shift);
+Value softplus(Tape& tape, Value x, Real shift);
 
 Value relu(Tape& tape, Value x);
 
@@ -65,13 +66,13 @@ Value add(Tape& tape, Value a, Value b);
 Value multiply(Tape& tape, Value a, Value b);
 
 // factor x + shift.
-Value scale_shift(Tape& tape, Value x, float factor, float shift);
+Value scale_shift(Tape& tape, Value x, Real factor, Real shift);
 
 // [d x n] -> [(identity ? d : 0) + 2 d F x n], F the number of weights: x itself, then for each
 // frequency 2^k the sines of all coordinates and their cosines, times weights[k] (Mildenhall et al.
 // 2020, equation 4, in the order of the authors' code, without its factor pi; with the weights of a
 // window: Park et al. 2021, equation 8).
-Value frequency_encoding(Tape& tape, Value x, std::span<const float> weights, bool identity);
+Value frequency_encoding(Tape& tape, Value x, std::span<const Real> weights, bool identity);
 
 // [d x n], [d x n] -> [2 d degrees x n]: the expected sines of 2^k x, then the expected cosines, of
 // a Gaussian with this mean and variance along each axis (Barron et al. 2021, equation 14).
@@ -114,11 +115,11 @@ void add_gradient(Tape& tape, Value x, Value gradient);
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the
 // chunk and times `scale` (1 / (3 rays of the step)); for |r| <= delta it equals r^2. Adds to
 // Chunk::loss.
-Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, float delta);
+Value huber_loss(Tape& tape, Value pixel, Value target, Value scale, Real delta);
 
 // The same with the squared error r^2, and with the Charbonnier loss sqrt(r^2 + epsilon^2) (Barron
 // et al. 2022, section 5).
 Value squared_loss(Tape& tape, Value pixel, Value target, Value scale);
-Value charbonnier_loss(Tape& tape, Value pixel, Value target, Value scale, float epsilon);
+Value charbonnier_loss(Tape& tape, Value pixel, Value target, Value scale, Real epsilon);
 
 }  // namespace nerf

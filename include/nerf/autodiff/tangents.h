@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "nerf/autodiff/operations.h"
+#include "nerf/base/real.h"
 
 namespace nerf {
 
@@ -23,12 +24,12 @@ WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> laye
 WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b);
 WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows);
 WithTangents sigmoid(Tape& tape, const WithTangents& x);
-WithTangents softplus(Tape& tape, const WithTangents& x, float shift);
+WithTangents softplus(Tape& tape, const WithTangents& x, Real shift);
 WithTangents relu(Tape& tape, const WithTangents& x);
 WithTangents add(Tape& tape, const WithTangents& a, const WithTangents& b);
 WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b);
-WithTangents scale_shift(Tape& tape, const WithTangents& x, float factor, float shift);
-WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const float> weights,
+WithTangents scale_shift(Tape& tape, const WithTangents& x, Real factor, Real shift);
+WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const Real> weights,
                                 bool identity);
 
 }  // namespace nerf

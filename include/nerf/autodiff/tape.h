@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "nerf/base/aligned.h"
+#include "nerf/base/real.h"
 
 namespace nerf {
 
@@ -32,19 +33,19 @@ struct Chunk {
   explicit Chunk(const Tape& tape);
 
   const Tape* tape;
-  AlignedArray<float> arena;
-  const float* weights = nullptr;  // parameters of the model, read only
+  AlignedArray<Real> arena;
+  const Real* weights = nullptr;  // parameters of the model, read only
   // Packs of the linear layers' weights: their products are taken in bf16. Null: in f32.
   const uint16_t* packed = nullptr;
-  float* weight_gradient = nullptr;  // same layout, accumulated into
-  int samples = 0, rays = 0;         // columns in use
+  Real* weight_gradient = nullptr;  // same layout, accumulated into
+  int samples = 0, rays = 0;        // columns in use
   const int32_t* ray_begin =
       nullptr;      // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
   double loss = 0;  // added to by loss operations
 
-  float* data(Value v);
-  const float* data(Value v) const;
-  float* gradient(Value v);
+  Real* data(Value v);
+  const Real* data(Value v) const;
+  Real* gradient(Value v);
   int64_t stride(Value v) const;  // floats between rows
   int64_t count(Value v) const;   // columns in use
 };

@@ -3,6 +3,7 @@
 
 #include <span>
 
+#include "nerf/base/real.h"
 #include "nerf/io/image.h"
 #include "nerf/math/vec.h"
 
@@ -11,7 +12,7 @@ namespace nerf {
 // sRGB in [0, 1] of the "turbo" colour map at x in [0, 1] (clamped; not a number counts as 0): dark
 // blue over green and yellow to dark red. Straight lines between 18 entries of its author's table
 // (A. Mikhailov, "Turbo, an improved rainbow colormap for visualization", 2019), within 0.03 of it.
-Vec3 turbo_color(float x);
+Vec3 turbo_color(Real x);
 
 // What the two ends of the colour map stand for, in the depth's unit. near <= far.
 struct DepthRange {
@@ -22,8 +23,8 @@ struct DepthRange {
 // Depths below which the fractions `low` and `high` of all pixels' opacity lie (quantiles weighted
 // by alpha). Pixels without depth (not above 0, not finite) or alpha do not count; an image without
 // any gives an empty range. Spans of equal length.
-DepthRange depth_range(std::span<const float> depth, std::span<const float> alpha,
-                       double low = 0.02, double high = 0.98);
+DepthRange depth_range(std::span<const Real> depth, std::span<const Real> alpha, double low = 0.02,
+                       double high = 0.98);
 
 // The range that covers a set of ranges; empty ones do not count.
 DepthRange merged(std::span<const DepthRange> ranges);
@@ -32,7 +33,7 @@ DepthRange merged(std::span<const DepthRange> ranges);
 // unbounded scenes keep their foreground apart, laid over black by alpha. Depth and alpha row by
 // row from the top, width * height values each. Pixels without depth, and all of an empty range,
 // are black.
-Image8 depth_image(int width, int height, std::span<const float> depth,
-                   std::span<const float> alpha, const DepthRange& range);
+Image8 depth_image(int width, int height, std::span<const Real> depth, std::span<const Real> alpha,
+                   const DepthRange& range);
 
 }  // namespace nerf

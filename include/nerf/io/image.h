@@ -7,16 +7,16 @@
 #include <string>
 #include <vector>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
-// Float image, rows from the top, channels interleaved.
+// Image of numbers, rows from the top, channels interleaved.
 struct ImageF {
   int width = 0, height = 0, channels = 0;
-  std::vector<float> pixels;
-  float* at(int x, int y) {
-    return pixels.data() + (static_cast<size_t>(y) * width + x) * channels;
-  }
-  const float* at(int x, int y) const {
+  std::vector<Real> pixels;
+  Real* at(int x, int y) { return pixels.data() + (static_cast<size_t>(y) * width + x) * channels; }
+  const Real* at(int x, int y) const {
     return pixels.data() + (static_cast<size_t>(y) * width + x) * channels;
   }
 };

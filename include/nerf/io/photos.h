@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/scene.h"
 
@@ -20,7 +21,7 @@ struct Photo {
   std::vector<uint8_t> mask;       // empty, or width*height: 0 = masked out, 255 = keep
 
   // Straight colour and alpha of pixel (x, y) in [0, 1] (EXR may exceed 1); alpha 1 where absent.
-  void pixel(int x, int y, float rgba[4]) const;
+  void pixel(int x, int y, Real rgba[4]) const;
   // Asks for the memory that pixel() and masked_out() of this place will read.
   void prefetch(int x, int y) const {
     const size_t at = static_cast<size_t>(y) * width + x, c = static_cast<size_t>(channels);

@@ -4,36 +4,38 @@
 
 #include <cstdint>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 // Truncated exponential: exp(x) with x clamped to at most kMaxLogDensity, so that it cannot
 // overflow. Its derivative is y = exp(min(x, max)) with the slope clamped to exp(+-15) as in
 // instant-ngp.
-inline constexpr float kMaxLogDensity = 30.0f;
-void truncated_exp_forward(int64_t n, const float* x, float* y);
-void truncated_exp_backward(int64_t n, const float* x, const float* dy, float* dx);
+inline constexpr Real kMaxLogDensity = 30.0_r;
+void truncated_exp_forward(int64_t n, const Real* x, Real* y);
+void truncated_exp_backward(int64_t n, const Real* x, const Real* dy, Real* dx);
 
 // 1 / (1 + exp(-x)); the derivative from the output: y (1 - y).
-void sigmoid_forward(int64_t n, const float* x, float* y);
-void sigmoid_backward(int64_t n, const float* y, const float* dy, float* dx);
+void sigmoid_forward(int64_t n, const Real* x, Real* y);
+void sigmoid_backward(int64_t n, const Real* y, const Real* dy, Real* dx);
 
 // log(1 + exp(x + shift)); the derivative is sigmoid(x + shift).
-void softplus_forward(int64_t n, float shift, const float* x, float* y);
-void softplus_backward(int64_t n, float shift, const float* x, const float* dy, float* dx);
+void softplus_forward(int64_t n, Real shift, const Real* x, Real* y);
+void softplus_backward(int64_t n, Real shift, const Real* x, const Real* dy, Real* dx);
 
 // max(x, 0); the derivative is 0 at 0.
-void relu_forward(int64_t n, const float* x, float* y);
+void relu_forward(int64_t n, const Real* x, Real* y);
 
 // alpha = 1 - exp(-density * delta), without cancellation for small arguments. A length beyond
 // kLongestInterval, even an infinite one, counts as that: without density it stops no light.
-inline constexpr float kLongestInterval = 1e10f;
-void opacity(int64_t n, const float* density, const float* delta, float* alpha);
+inline constexpr Real kLongestInterval = 1e10_r;
+void opacity(int64_t n, const Real* density, const Real* delta, Real* alpha);
 
 // y += x
-void add_to(int64_t n, const float* x, float* y);
+void add_to(int64_t n, const Real* x, Real* y);
 
 // Real spherical harmonics of degree 0 to 3 (16 values) of unit direction (x, y, z).
 inline constexpr int kSphericalHarmonics = 16;
-void spherical_harmonics(float x, float y, float z, float out[kSphericalHarmonics]);
+void spherical_harmonics(Real x, Real y, Real z, Real out[kSphericalHarmonics]);
 
 }  // namespace nerf

@@ -5,6 +5,8 @@
 
 #include <cstdint>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 // With a = weight exp(-frequency^2 variance / 2):
@@ -12,14 +14,14 @@ namespace nerf {
 // variance may be null (0 everywhere) and is at least 0. frequency is a power of two, so that the
 // argument is exact; both results are then within 2 units in the last place of `a` at any finite
 // argument. n is rounded up to kLane (linear.h); pointers are aligned to 64 bytes.
-void sine_cosine_forward(int64_t n, const float* x, const float* variance, float frequency,
-                         float weight, float* sine, float* cosine);
+void sine_cosine_forward(int64_t n, const Real* x, const Real* variance, Real frequency,
+                         Real weight, Real* sine, Real* cosine);
 
 // Adds to dx and, unless null, to dvariance what the gradients of both features leave there. Needs
 // the features, not the arguments:
 //   dx += frequency (cosine d_sine - sine d_cosine)
 //   dvariance -= frequency^2 / 2 (sine d_sine + cosine d_cosine)
-void sine_cosine_backward(int64_t n, const float* sine, const float* cosine, const float* d_sine,
-                          const float* d_cosine, float frequency, float* dx, float* dvariance);
+void sine_cosine_backward(int64_t n, const Real* sine, const Real* cosine, const Real* d_sine,
+                          const Real* d_cosine, Real frequency, Real* dx, Real* dvariance);
 
 }  // namespace nerf

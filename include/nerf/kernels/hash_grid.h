@@ -10,10 +10,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 struct HashGridLevel {
-  float scale = 0;          // cells per unit
+  float scale = 0;          // cells per unit; in every build the same, as a table is made for it
   uint32_t resolution = 0;  // vertices per axis
   uint32_t entries = 0;     // rows of this level's table
   uint64_t offset = 0;      // first row of this level in the whole table
@@ -41,13 +43,13 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
 // features[f][s] for the features of one level. x, y, z: n positions in [0, 1] (clamped);
 // table: the level's rows, aligned to one row; ld: floats from one feature to the next. n is
 // rounded up to kLane (linear.h).
-void hash_grid_forward(const HashGridLevel& level, const float* table, const float* x,
-                       const float* y, const float* z, int64_t n, float* features, int64_t ld);
+void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
+                       const Real* z, int64_t n, Real* features, int64_t ld);
 
 // gradient[row] += sum over samples; touched[row] = 1 for each row that received one. Samples whose
 // gradient is exactly 0 are skipped. One caller at a time per level; order is that of the samples.
-void hash_grid_backward(const HashGridLevel& level, const float* x, const float* y, const float* z,
-                        int64_t n, const float* d_features, int64_t ld, float* gradient,
+void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y, const Real* z,
+                        int64_t n, const Real* d_features, int64_t ld, Real* gradient,
                         uint8_t* touched);
 
 }  // namespace nerf

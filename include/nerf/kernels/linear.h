@@ -9,6 +9,8 @@
 
 #include <cstdint>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 inline constexpr int kLane = 16;
@@ -18,23 +20,23 @@ inline int weight_stride(int in) { return static_cast<int>(round_up(in, kLane));
 enum class LinearActivation { kNone, kRelu };
 
 // y[j][s] = act(bias[j] + sum_k w[j][k] x[k][s]); bias may be null.
-void linear_forward(int in, int out, const float* w, const float* bias, const float* x, float* y,
+void linear_forward(int in, int out, const Real* w, const Real* bias, const Real* x, Real* y,
                     int64_t ld, int64_t n, LinearActivation activation);
 
 // dx[k][s] = sum_j w[j][k] dy[j][s], where dy is the gradient before the activation. With
 // `relu_output` (the layer's input, itself the output of a ReLU) the result is set to 0 where that
 // is 0, which makes it the gradient before that activation.
-void linear_backward_input(int in, int out, const float* w, const float* dy, float* dx, int64_t ld,
-                           int64_t n, const float* relu_output);
+void linear_backward_input(int in, int out, const Real* w, const Real* dy, Real* dx, int64_t ld,
+                           int64_t n, const Real* relu_output);
 
 // dw[j][k] += sum_s dy[j][s] x[k][s] for k < in. dbias[j] += sum_s dy[j][s] unless null.
-void linear_backward_weights(int in, int out, const float* dy, const float* x, int64_t ld,
-                             int64_t n, float* dw, float* dbias);
+void linear_backward_weights(int in, int out, const Real* dy, const Real* x, int64_t ld, int64_t n,
+                             Real* dw, Real* dbias);
 
 // dbias[j] += sum_s dy[j][s].
-void linear_backward_bias(int out, const float* dy, int64_t ld, int64_t n, float* dbias);
+void linear_backward_bias(int out, const Real* dy, int64_t ld, int64_t n, Real* dbias);
 
 // dy[r][s] = 0 where y[r][s] == 0 (y the output of a ReLU), in place.
-void relu_backward(int rows, const float* y, float* dy, int64_t ld, int64_t n);
+void relu_backward(int rows, const Real* y, Real* dy, int64_t ld, int64_t n);
 
 }  // namespace nerf

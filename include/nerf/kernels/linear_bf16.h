@@ -8,6 +8,7 @@
 
 #include <cstdint>
 
+#include "nerf/base/real.h"
 #include "nerf/kernels/linear.h"
 
 namespace nerf {
@@ -15,15 +16,15 @@ namespace nerf {
 // In elements; a multiple of 512, so that packs can stand one behind the other.
 int64_t packed_layer_size(int in, int out);
 // `packed` aligned to 64 bytes.
-void pack_layer(int in, int out, const float* w, uint16_t* packed);
+void pack_layer(int in, int out, const Real* w, uint16_t* packed);
 
 // Bias and activation in f32.
-void linear_forward_bf16(int in, int out, const uint16_t* packed, const float* bias, const float* x,
-                         float* y, int64_t ld, int64_t n, LinearActivation activation);
-void linear_backward_input_bf16(int in, int out, const uint16_t* packed, const float* dy, float* dx,
-                                int64_t ld, int64_t n, const float* relu_output);
+void linear_forward_bf16(int in, int out, const uint16_t* packed, const Real* bias, const Real* x,
+                         Real* y, int64_t ld, int64_t n, LinearActivation activation);
+void linear_backward_input_bf16(int in, int out, const uint16_t* packed, const Real* dy, Real* dx,
+                                int64_t ld, int64_t n, const Real* relu_output);
 // Bias gradients are sums of f32.
-void linear_backward_weights_bf16(int in, int out, const float* dy, const float* x, int64_t ld,
-                                  int64_t n, float* dw, float* dbias);
+void linear_backward_weights_bf16(int in, int out, const Real* dy, const Real* x, int64_t ld,
+                                  int64_t n, Real* dw, Real* dbias);
 
 }  // namespace nerf

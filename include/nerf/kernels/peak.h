@@ -4,24 +4,26 @@
 
 #include <cstdint>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 // `rounds` multiply-adds of each of several independent chains of vectors, all in registers.
 // Returns the FLOPs done (two per multiply-add and lane); `sink` gets a value that depends on all.
-int64_t fma_loop(int64_t rounds, float* sink);
+int64_t fma_loop(int64_t rounds, Real* sink);
 
 // The same with the products of bf16_unit() (bf16.h), which must not be kNone; two FLOPs for each
 // pair of operands.
-int64_t bf16_loop(int64_t rounds, float* sink);
+int64_t bf16_loop(int64_t rounds, Real* sink);
 
 // Sum of x, read in order. n is a multiple of kReadUnit, x aligned to 64 bytes.
 inline constexpr int64_t kReadUnit = 128;
-float read_loop(int64_t n, const float* x);
+Real read_loop(int64_t n, const Real* x);
 
 // Sum over `reads` rows of 4 floats at random places of a table, the places found as a hash grid
 // finds them: a hash of a counter. `rows` is a power of two up to 2^32, `reads` a multiple of
 // kRowUnit, the table aligned to 16 bytes. Another `salt` reads other rows.
 inline constexpr int64_t kRowUnit = 64;
-float random_row_loop(int64_t rows, const float* table, int64_t reads, uint32_t salt);
+Real random_row_loop(int64_t rows, const Real* table, int64_t reads, uint32_t salt);
 
 }  // namespace nerf

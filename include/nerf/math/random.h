@@ -4,6 +4,8 @@
 
 #include <cstdint>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 // Finaliser of SplitMix64 (Steele et al. 2014): a bijection that passes avalanche tests.
@@ -22,7 +24,7 @@ class Random {
 
   uint64_t bits() { return mix64(key_ + 0xd1342543de82ef95ull * dimension_++); }
   // Uniform in [0, 1), 24 bits.
-  float uniform() { return static_cast<float>(bits() >> 40) * 0x1p-24f; }
+  Real uniform() { return static_cast<Real>(bits() >> 40) * 0x1p-24_r; }
   // Uniform in [0, n), n >= 1.
   uint64_t below(uint64_t n) {
     __extension__ typedef unsigned __int128 Wide;

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 template <class T>
@@ -23,7 +25,7 @@ struct TVec3 {
     return {static_cast<U>(x), static_cast<U>(y), static_cast<U>(z)};
   }
 };
-using Vec3 = TVec3<float>;
+using Vec3 = TVec3<Real>;
 using Vec3d = TVec3<double>;
 
 template <class T>
@@ -50,7 +52,7 @@ struct TVec2 {
   T x{}, y{};
   bool operator==(const TVec2&) const = default;
 };
-using Vec2 = TVec2<float>;
+using Vec2 = TVec2<Real>;
 using Vec2d = TVec2<double>;
 
 // Row-major 3x3 matrix; m[r][c].

@@ -11,6 +11,7 @@
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/aligned.h"
 #include "nerf/base/options.h"
+#include "nerf/base/real.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/parts/occupancy.h"
@@ -87,9 +88,9 @@ struct GridField {
   GridOptions options;
   bool unbounded;
   HashGridShape shape;
-  AlignedArray<float> table;  // shape.rows x shape.features_per_entry()
+  AlignedArray<Real> table;  // shape.rows x shape.features_per_entry()
   std::vector<LinearWeights> density_layers, colour_layers;
-  AlignedArray<float> weights;  // of both networks
+  AlignedArray<Real> weights;  // of both networks
   std::vector<LinearWeights> layers() const;
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
@@ -101,7 +102,7 @@ struct GridField {
   // space's [-2, 2]^3 where the scene is unbounded.
   Vec3 grid_position(const Vec3& p) const;
   // How long something of unit length at p is there: the cube root of the volume's change.
-  float grid_scale(const Vec3& p) const;
+  Real grid_scale(const Vec3& p) const;
 };
 
 // A chunk of samples of one network call.
@@ -110,7 +111,7 @@ inline constexpr int kChunkRays = 240;
 
 // What a training tape ends in.
 struct GridLosses {
-  float huber_delta = 0.5f;
+  Real huber_delta = 0.5_r;
   bool on_weights = false;  // the caller adds gradients to the weights along the rays
 };
 
@@ -145,20 +146,20 @@ struct GridTape {
 
 // Standard deviation, in grid units, of the Gaussian that a pixel's cone is around a sample:
 // `radius` is the cone's at distance 1 (pixel_cone_radius), `scale` the field's grid_scale() there.
-inline float cone_spread(float radius, float distance, float scale) {
-  return 0.5f * radius * distance * scale;
+inline Real cone_spread(Real radius, Real distance, Real scale) {
+  return 0.5_r * radius * distance * scale;
 }
 
 // Multiplies a level's features (or their gradients) by what is left of them in the mean over a
 // Gaussian of this standard deviation [n, up to kChunkSamples]: erf(1 / (sqrt(8) spread n)), n the
 // cells per unit (Barron et al. 2023, equation 10), with erf(x) ~ sqrt(1 - exp(-4 x^2 / pi)) as in
 // the authors' code.
-void fade_level(const HashGridLevel& level, const float* spread, int64_t n, float* features,
+void fade_level(const HashGridLevel& level, const Real* spread, int64_t n, Real* features,
                 int64_t ld);
 
 // Encodes a chunk's positions (grid coordinates) at every level: features [F L x ld]. x, y, z and
 // spread, which may be null (0 everywhere), are read up to the next multiple of kLane.
-void encode(const GridField& field, const float* x, const float* y, const float* z,
-            const float* spread, int64_t n, float* features, int64_t ld);
+void encode(const GridField& field, const Real* x, const Real* y, const Real* z, const Real* spread,
+            int64_t n, Real* features, int64_t ld);
 
 }  // namespace nerf

@@ -8,6 +8,7 @@
 
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/aligned.h"
+#include "nerf/base/real.h"
 #include "nerf/math/ndc.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/network_options.h"
@@ -46,7 +47,7 @@ struct NetworkField {
   NetworkOptions options;
   double near, far;
   std::vector<RadianceNetwork> networks;
-  AlignedArray<float> weights;
+  AlignedArray<Real> weights;
   NdcFrame ndc;  // engine units; with Space::kNdc
 
   const RadianceNetwork& network_of(int level) const {
@@ -95,7 +96,7 @@ struct NetworkTape {
 
   struct Losses {
     bool colour = true;       // whether the level's pixels are compared with the photos
-    float charbonnier = 0;    // its epsilon; 0: squared error
+    Real charbonnier = 0;     // its epsilon; 0: squared error
     bool on_weights = false;  // whether the caller has gradients of the weights
     bool density_noise = false;
   };

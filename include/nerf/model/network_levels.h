@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "nerf/base/real.h"
 #include "nerf/math/random.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/network_field.h"
@@ -18,12 +19,12 @@ class BakedOccupancy;
 }
 
 struct NetworkLosses {
-  float coarse = 1;         // of the colour error of the levels before the last
-  float interlevel = 0;     // of the proposals' (Barron et al. 2022, equation 13), for a mean over
-                            // rays and samples
-  float distortion = 0;     // of the last level's (equation 15), for a mean over rays
-  float charbonnier = 0;    // epsilon of the colour loss; 0: squared error
-  float density_noise = 0;  // standard deviation of what is added to the raw density
+  Real coarse = 1;         // of the colour error of the levels before the last
+  Real interlevel = 0;     // of the proposals' (Barron et al. 2022, equation 13), for a mean over
+                           // rays and samples
+  Real distortion = 0;     // of the last level's (equation 15), for a mean over rays
+  Real charbonnier = 0;    // epsilon of the colour loss; 0: squared error
+  Real density_noise = 0;  // standard deviation of what is added to the raw density
 };
 
 class NetworkLevels {
@@ -46,12 +47,12 @@ class NetworkLevels {
   // At most as many rays as the constructor was told; they must stay until backward() is done.
   // exponent: what weights are raised to before they are drawn from (kProposal). Training draws
   // every position from the ray's random numbers.
-  void forward(std::span<NetworkRay> rays, float exponent) { forward(rays, exponent, false); }
+  void forward(std::span<NetworkRay> rays, Real exponent) { forward(rays, exponent, false); }
 
   // Training with `skip`: where a ReLU leaves no density a sample has no light and no gradient, so
   // that densities are found first and everything else is computed for the other samples only. The
   // same values; it pays where less than kSkipPays of all samples have density.
-  void forward(std::span<NetworkRay> rays, float exponent, bool skip);
+  void forward(std::span<NetworkRay> rays, Real exponent, bool skip);
   bool can_skip() const;
   // Samples of the last forward() that have density (in a picture: that were asked for), and all of
   // them. Known with can_skip() and in pictures.
@@ -64,7 +65,7 @@ class NetworkLevels {
 
   // Adds the gradients of the rays' losses to `weight_gradient` (laid out as field.weights) and
   // returns the loss.
-  double backward(float* weight_gradient);
+  double backward(Real* weight_gradient);
 
   // What one with these options would allocate.
   static uint64_t memory_bytes(const NetworkOptions& options, int rays, bool training,
@@ -72,13 +73,13 @@ class NetworkLevels {
   int levels() const { return static_cast<int>(levels_.size()); }
   int samples(int level) const { return sampler_.samples(level); }
   // Of the last forward(): colour (over the background) and opacity of a ray's pixel.
-  void pixel(int ray, float rgb[3], float& opacity) const;
+  void pixel(int ray, Real rgb[3], Real& opacity) const;
   // Weights and distances of a ray's samples, and the distances of its posts.
-  std::span<const float> weights(int level, int ray) const;
-  std::span<const float> posts(int level, int ray) const;  // entries, see IntervalSampler
+  std::span<const Real> weights(int level, int ray) const;
+  std::span<const Real> posts(int level, int ray) const;  // entries, see IntervalSampler
   const IntervalSampler& sampler() const { return sampler_; }
   // Distance up to which half of the light is stopped; below 0 where less than half is.
-  float median_distance(int ray) const;
+  Real median_distance(int ray) const;
 
  private:
   struct Level {
@@ -90,18 +91,18 @@ class NetworkLevels {
     NetworkTape tape;
     Chunk chunk;
     std::vector<int32_t> ray_begin;      // of all samples
-    std::vector<float> posts;            // entries of all rays
+    std::vector<Real> posts;             // entries of all rays
     std::unique_ptr<NetworkTape> probe;  // finds the densities of all samples, can_skip() only
     std::unique_ptr<Chunk> probe_chunk;
     std::vector<int32_t> dense_begin;  // of those that have density
     std::vector<int> kept;             // of all samples, in a picture that skips
-    std::vector<float> all_weights;    // then: of all samples
+    std::vector<Real> all_weights;     // then: of all samples
     bool skipped = false;              // by the last forward()
   };
 
   struct Sample {
-    int ray, column;      // of all samples
-    float t0, t1, delta;  // t0 = t1 of a position
+    int ray, column;     // of all samples
+    Real t0, t1, delta;  // t0 = t1 of a position
   };
   // body(sample) for every sample of the rays, in order.
   template <class Body>
@@ -110,7 +111,7 @@ class NetworkLevels {
   void place_samples(const Level& level, int samples, const NetworkTape& tape, Chunk& chunk);
   void place_sample(const NetworkRay& ray, const Sample& sample, int column,
                     const NetworkTape& tape, Chunk& chunk) const;
-  void normalised_edges(int level, int ray, std::vector<float>& edges) const;
+  void normalised_edges(int level, int ray, std::vector<Real>& edges) const;
   void keep_dense(Level& level);
   void place_occupied(Level& level, int samples);
   void spread_weights(Level& level, int samples);
@@ -126,7 +127,7 @@ class NetworkLevels {
   std::span<NetworkRay> rays_;
   const internal::BakedOccupancy* occupancy_ = nullptr;
   int64_t dense_ = 0, all_ = 0;
-  std::vector<float> edges_, final_edges_, gradient_of_all_;  // of losses on weights
+  std::vector<Real> edges_, final_edges_, gradient_of_all_;  // of losses on weights
 };
 
 }  // namespace nerf

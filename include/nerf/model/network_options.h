@@ -4,6 +4,7 @@
 #include <array>
 
 #include "nerf/base/options.h"
+#include "nerf/base/real.h"
 #include "nerf/parts/interval_sampler.h"
 
 namespace nerf {
@@ -60,9 +61,9 @@ struct NetworkOptions {
   int proposal_depth = 8, proposal_width = 256;  // of the levels before the last
   bool proposal_colour = true;                   // those levels render pixels too
   DensityActivation density = DensityActivation::kRelu;
-  float density_bias = 0;
-  float colour_padding = 0;  // colours reach this far beyond [0, 1]
-  bool opaque_end = false;   // the last interval lets nothing through
+  Real density_bias = 0;
+  Real colour_padding = 0;  // colours reach this far beyond [0, 1]
+  bool opaque_end = false;  // the last interval lets nothing through
   Initialisation initialisation = Initialisation::kGlorot;
 
   template <class V>

@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "nerf/base/real.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/random.h"
 #include "nerf/math/vec.h"
@@ -14,16 +15,16 @@ namespace nerf {
 // t is Euclidean distance, or normalised device coordinates.
 struct NetworkRay {
   Vec3 origin, direction;
-  Vec3 view;         // unit direction in engine coordinates, which colours depend on
-  float length = 1;  // of `direction`
+  Vec3 view;        // unit direction in engine coordinates, which colours depend on
+  Real length = 1;  // of `direction`
   // Of the pixel's cone at t = 1, or of its cylinder in normalised device coordinates: mean
   // distance to the neighbouring rays, times 2 / sqrt(12).
-  float radius = 0;
+  Real radius = 0;
   Vec3 background;
   // Training only.
-  int photo = -1;   // whose code the colour may depend on; below 0: none
-  Vec3 target;      // colour of the pixel
-  float scale = 0;  // of its squared error, summed over channels, in the loss
+  int photo = -1;  // whose code the colour may depend on; below 0: none
+  Vec3 target;     // colour of the pixel
+  Real scale = 0;  // of its squared error, summed over channels, in the loss
   Random random{0, 0, 0};
 };
 

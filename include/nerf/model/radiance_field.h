@@ -6,6 +6,7 @@
 #include <span>
 
 #include "nerf/base/cancel.h"
+#include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/model_info.h"
@@ -46,7 +47,7 @@ class RadianceField {
   // density is 0 outside the trained region and in cells that are known to be empty; a paper
   // method's is that of its last level.
   void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
-             std::span<float> density, std::span<float> rgb, ThreadPool& pool) const;
+             std::span<Real> density, std::span<Real> rgb, ThreadPool& pool) const;
 
  private:
   ModelInfo info_;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "nerf/base/cancel.h"
+#include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf/math/camera.h"
@@ -24,14 +25,14 @@ struct RenderOptions {
   bool unclipped = false;           // true samples every occupied cell, whatever is cached of it,
                                     // without min_transmittance and sample_factor
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
-  float min_transmittance = 1e-6f;  // a ray stops where the cached density lets less through
-  float unshaded = 1.0f / 1024;     // share of a pixel's light whose colour may be left out
+  Real min_transmittance = 1e-6_r;  // a ray stops where the cached density lets less through
+  Real unshaded = 1.0_r / 1024;     // share of a pixel's light whose colour may be left out
   Precision precision = Precision::kAuto;  // of the networks' products
   // Rays along a pixel's side, averaged; 0: with the grid method so many that none is wider than
   // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
   // methods.
   int supersample = 0;
-  float sample_factor = 1.5f;  // network samples of a ray, against those of the last steps
+  Real sample_factor = 1.5_r;  // network samples of a ray, against those of the last steps
 };
 
 // The work of a picture, the same for any number of threads.
@@ -46,9 +47,9 @@ struct RenderStatistics {
 // All images row by row from the top, one value (or three) per pixel.
 struct Frame {
   int width = 0, height = 0;
-  std::vector<float> rgb;      // 3 per pixel, sRGB, background composited in
-  std::vector<float> alpha;    // opacity in [0, 1]
-  std::vector<float> depth_z;  // median depth along the optical axis, input unit; 0 where nothing
+  std::vector<Real> rgb;      // 3 per pixel, sRGB, background composited in
+  std::vector<Real> alpha;    // opacity in [0, 1]
+  std::vector<Real> depth_z;  // median depth along the optical axis, input unit; 0 where nothing
   RenderStatistics statistics{};
 };
 

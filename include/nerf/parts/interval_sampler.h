@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "nerf/base/options.h"
+#include "nerf/base/real.h"
 #include "nerf/math/random.h"
 
 namespace nerf {
@@ -38,7 +39,7 @@ struct IntervalOptions {
   int coarse = 64;        // samples of each level before the last
   int fine = 128;         // of the last, in addition to the coarse ones where those are merged
   int rounds = 1;         // levels before the last; 0: none, the ray is sampled once
-  float padding = 0.01f;  // added to every weight that is drawn from (mip-NeRF, section 3.1)
+  Real padding = 0.01_r;  // added to every weight that is drawn from (mip-NeRF, section 3.1)
 
   template <class V>
   void visit_options(V& v) {
@@ -75,30 +76,30 @@ class IntervalSampler {
   int posts(int level) const { return options_.posts(level); }
 
   // The first level; jittered with `random`, even without.
-  void first(Random* random, std::span<float> out);
+  void first(Random* random, std::span<Real> out);
   // Level `level` >= 1 from the level before and its weights (one per sample). `exponent`: what
   // weights are raised to (kProposal, annealing_exponent() of step_function.h).
-  void next(int level, std::span<const float> before, std::span<const float> weights,
-            float exponent, Random* random, std::span<float> out);
+  void next(int level, std::span<const Real> before, std::span<const Real> weights, Real exponent,
+            Random* random, std::span<Real> out);
 
   // Distance of an entry of a level.
-  float distance(float entry) const;
+  Real distance(Real entry) const;
   // Normalised distance of an entry, in [0, 1].
-  float normalised(float entry) const;
+  Real normalised(Real entry) const;
 
  private:
-  float even(float share) const;
-  void jitter(Random* random, std::span<float> even) const;
-  void merge_fine(std::span<const float> before, std::span<const float> weights, Random* random,
-                  std::span<float> out);
-  void resample_blurred(std::span<const float> before, std::span<const float> weights,
-                        Random* random, std::span<float> out);
-  void resample_dilated(int level, std::span<const float> before, std::span<const float> weights,
-                        float exponent, Random* random, std::span<float> out);
+  Real even(Real share) const;
+  void jitter(Random* random, std::span<Real> even) const;
+  void merge_fine(std::span<const Real> before, std::span<const Real> weights, Random* random,
+                  std::span<Real> out);
+  void resample_blurred(std::span<const Real> before, std::span<const Real> weights, Random* random,
+                        std::span<Real> out);
+  void resample_dilated(int level, std::span<const Real> before, std::span<const Real> weights,
+                        Real exponent, Random* random, std::span<Real> out);
 
   IntervalOptions options_;
-  float near_, far_;
-  std::vector<float> u_, scratch_, edges_, mass_, cdf_;
+  Real near_, far_;
+  std::vector<Real> u_, scratch_, edges_, mass_, cdf_;
 };
 
 }  // namespace nerf

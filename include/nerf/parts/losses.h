@@ -4,27 +4,28 @@
 
 #include <span>
 
+#include "nerf/base/real.h"
+
 namespace nerf {
 
 // Barron et al. 2022, equation 15: draws the weights of a ray together. Adds scale times the
 // gradient to d_weights and returns scale times the loss. O(n).
-double distortion_loss(std::span<const float> edges, std::span<const float> weights, float scale,
-                       std::span<float> d_weights);
+double distortion_loss(std::span<const Real> edges, std::span<const Real> weights, Real scale,
+                       std::span<Real> d_weights);
 
 // The same of n intervals in order that may leave gaps: the middle and the width of each.
-double distortion_loss(std::span<const float> middles, std::span<const float> widths,
-                       std::span<const float> weights, float scale, std::span<float> d_weights);
+double distortion_loss(std::span<const Real> middles, std::span<const Real> widths,
+                       std::span<const Real> weights, Real scale, std::span<Real> d_weights);
 
 // Barron et al. 2022, equation 13: a proposal's weights must bound those of the final histogram
 // from above; the final ones pass no gradient. Adds scale times the gradient with respect to the
 // proposal's weights to d_proposal and returns scale times the loss, summed over the final bins.
 // O(n + m).
-double interlevel_loss(std::span<const float> edges, std::span<const float> weights,
-                       std::span<const float> proposal_edges,
-                       std::span<const float> proposal_weights, float scale,
-                       std::span<float> d_proposal);
+double interlevel_loss(std::span<const Real> edges, std::span<const Real> weights,
+                       std::span<const Real> proposal_edges, std::span<const Real> proposal_weights,
+                       Real scale, std::span<Real> d_proposal);
 
 // Added to a weight that is divided by (multinerf's lossfun_outer: the float's epsilon).
-inline constexpr float kInterlevelEpsilon = 0x1p-23f;
+inline constexpr Real kInterlevelEpsilon = 0x1p-23_r;
 
 }  // namespace nerf

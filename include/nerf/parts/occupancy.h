@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "nerf/base/aligned.h"
+#include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/vec.h"
 
@@ -32,8 +33,8 @@ class OccupancyGrid {
   // Bricks of 4^3 cells per axis: the occupancy of one is a 64-bit mask.
   int bricks() const { return side_ / 4; }
   int64_t cells() const { return int64_t{side_} * side_ * side_; }  // of one cascade
-  float cell_width(int cascade) const {
-    return std::ldexp(2.0f / static_cast<float>(side_), cascade);
+  Real cell_width(int cascade) const {
+    return std::ldexp(2.0_r / static_cast<Real>(side_), cascade);
   }
 
   // Finest cascade that holds p; cascades() where none does.
@@ -45,23 +46,23 @@ class OccupancyGrid {
   // Training state. A cell that is off is never refreshed: no camera sees it.
   void switch_off(int cascade, int64_t cell) { opacity_[index(cascade, cell)] = kOff; }
   bool is_off(int cascade, int64_t cell) const { return opacity_[index(cascade, cell)] < 0; }
-  float opacity(int cascade, int64_t cell) const { return opacity_[index(cascade, cell)]; }
+  Real opacity(int cascade, int64_t cell) const { return opacity_[index(cascade, cell)]; }
 
   // Takes in the opacity seen at one random point of a cell: a running mean over its points, so
   // that matter which fills little of a cell is not lost between two hits.
-  void observe(int cascade, int64_t cell, float seen);
+  void observe(int cascade, int64_t cell, Real seen);
 
   // Rebuilds the quantised opacities and brick masks that rays are marched through: empty are cells
   // below min(threshold, mean opacity of those switched on), except the neighbours of solid ones.
   // The same bits with and without a pool.
-  void rebuild(float threshold, ThreadPool* pool = nullptr);
+  void rebuild(Real threshold, ThreadPool* pool = nullptr);
 
   // As of the last rebuild.
   uint64_t brick_mask(int cascade, int64_t brick) const {
     return masks_[static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick)];
   }
   // Optical thickness of one cell width, > 0 for occupied cells.
-  float thickness(int cascade, int64_t cell) const {
+  Real thickness(int cascade, int64_t cell) const {
     return thickness_of_level_[levels_[index(cascade, cell)]];
   }
   // Whether the cell of p may hold matter, as of the last rebuild; false outside all cascades.
@@ -71,15 +72,15 @@ class OccupancyGrid {
   const Box3& occupied_box() const { return occupied_box_; }
 
   // Everything that training needs to go on, and what rendering needs.
-  std::span<float> training_state() { return opacity_.span(); }
-  std::span<const float> training_state() const { return opacity_.span(); }
+  std::span<Real> training_state() { return opacity_.span(); }
+  std::span<const Real> training_state() const { return opacity_.span(); }
   std::span<const uint8_t> levels() const { return levels_.span(); }
   void set_levels(std::span<const uint8_t> levels);
   // Frees what only training needs, 4 of about 5 bytes per cell.
   void forget_training();
 
  private:
-  static constexpr float kOff = -1;
+  static constexpr Real kOff = -1;
   size_t index(int cascade, int64_t cell) const {
     return static_cast<size_t>(cascade) * static_cast<size_t>(cells()) + static_cast<size_t>(cell);
   }
@@ -89,10 +90,10 @@ class OccupancyGrid {
   void measure_occupied();
 
   int cascades_, side_;
-  AlignedArray<float> opacity_;
+  AlignedArray<Real> opacity_;
   AlignedArray<uint8_t> levels_;  // 0 = empty; else opacity = (level / 255)^2
   std::vector<uint64_t> masks_, solid_;
-  std::array<float, 256> thickness_of_level_;
+  std::array<Real, 256> thickness_of_level_;
   double occupied_fraction_ = 1;
   Box3 occupied_box_;
 };

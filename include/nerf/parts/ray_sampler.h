@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "nerf/base/real.h"
 #include "nerf/math/random.h"
 #include "nerf/math/vec.h"
 #include "nerf/parts/occupancy.h"
@@ -25,22 +26,22 @@ bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1);
 struct SamplerOptions {
   int max_samples = 32;           // per ray
   int min_samples = 2;            // of a ray that meets any matter
-  float samples_per_cell = 3.0f;  // of the effective number of cells that a ray's light comes from
-  float uniform_share = 1.0f;     // drawn over all occupied cells, whatever the cache says
-  float min_transmittance = 1e-3f;  // the march stops where the cache lets less through; 0 = never
+  Real samples_per_cell = 3.0_r;  // of the effective number of cells that a ray's light comes from
+  Real uniform_share = 1.0_r;     // drawn over all occupied cells, whatever the cache says
+  Real min_transmittance = 1e-3_r;  // the march stops where the cache lets less through; 0 = never
 };
 
 // Samples of a ray. The interval lengths of a ray add up to the length of matter that it passes,
 // and each position lies inside its interval.
 struct RaySamples {
-  std::vector<float> t;      // distance from the sampler's entry() along the ray
-  std::vector<float> delta;  // interval length
+  std::vector<Real> t;      // distance from the sampler's entry() along the ray
+  std::vector<Real> delta;  // interval length
 };
 
 // A ray's passage through one occupied cell.
 struct Segment {
-  float t0, t1;     // relative to the entry point of the march
-  float thickness;  // optical, of this passage
+  Real t0, t1;     // relative to the entry point of the march
+  Real thickness;  // optical, of this passage
 };
 
 class RaySampler {
@@ -52,7 +53,7 @@ class RaySampler {
   // Without `follow_cache` every occupied cell of the ray is sampled alike, up to its end.
   int sample(const Ray& ray, Random* random, bool follow_cache, RaySamples& out);
 
-  void set_samples_per_cell(float samples) { options_.samples_per_cell = samples; }
+  void set_samples_per_cell(Real samples) { options_.samples_per_cell = samples; }
 
   // Every occupied cell of the ray cut into `per_cell` equal intervals: the quadrature with nothing
   // skipped, however many samples it takes.
@@ -68,12 +69,12 @@ class RaySampler {
 
  private:
   struct Traversal;
-  void march(const Ray& ray, float min_transmittance);
+  void march(const Ray& ray, Real min_transmittance);
   // Through the bricks of one cascade from t on, until the ray leaves it; returns where, and
   // changes `cascade` to the one it enters (cascades() behind the outermost).
-  float march_cascade(Traversal& v, int& cascade, float t);
-  void march_brick(Traversal& v, int cascade, int64_t brick, uint64_t mask, const int at[3],
-                   float t, float exit);
+  Real march_cascade(Traversal& v, int& cascade, Real t);
+  void march_brick(Traversal& v, int cascade, int64_t brick, uint64_t mask, const int at[3], Real t,
+                   Real exit);
   int choose_count(bool follow_cache);
 
   const OccupancyGrid& grid_;
@@ -81,8 +82,8 @@ class RaySampler {
   Box3 clip_;
   std::vector<Segment> segments_;  // of fixed size; the first segment_count_ are in use
   int segment_count_ = 0;
-  std::vector<float> mass_;  // of each segment in the coarse distribution; sums to total_mass_
-  float total_mass_ = 0;
+  std::vector<Real> mass_;  // of each segment in the coarse distribution; sums to total_mass_
+  Real total_mass_ = 0;
   double start_ = 0;
   Vec3 entry_;
 };

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "nerf/base/options.h"
+#include "nerf/base/real.h"
 
 namespace nerf {
 
@@ -10,11 +11,11 @@ struct NetworkRecipe {
   bool one_photo = false;  // all rays of a step from one photo
   int crop_steps = 0;      // first steps, whose pixels come from the middle of the photos
   double crop = 0.5;       // of width and height
-  float coarse = 1;
-  float interlevel = 0;
-  float distortion = 0;
-  float charbonnier = 0;
-  float density_noise = 0;
+  Real coarse = 1;
+  Real interlevel = 0;
+  Real distortion = 0;
+  Real charbonnier = 0;
+  Real density_noise = 0;
   double beta2 = 0.999;
   double epsilon = 1e-7;
   double clip = 0;

@@ -1,0 +1,53 @@
+#include "nerf/kernels/adam.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace nerf {
+namespace {
+
+// One parameter, as in math/reference/adam.h: c1 = rate / (1 - beta1^t), c2 = 1 / sqrt(1 -
+// beta2^t).
+void update(const AdamStep& o, Real c1, Real c2, Real g, Real& m, Real& v, Real& w) {
+  g += o.l2 * w;
+  if (std::fabs(g) > kMostGradient) g = std::copysign(kMostGradient, g);
+  m = o.beta1 * m + (1 - o.beta1) * g;
+  v = o.beta2 * v + (1 - o.beta2) * (g * g);
+  w -= c1 * (m / (std::sqrt(v) * c2 + o.epsilon));
+}
+
+}  // namespace
+
+void adam_dense(const AdamStep& options, int64_t step, int64_t n, const Real* gradient, Real* m,
+                Real* v, Real* weights) {
+  const Real t = static_cast<Real>(step);
+  const Real c1 = options.rate / (1 - std::pow(options.beta1, t));
+  const Real c2 = 1 / std::sqrt(1 - std::pow(options.beta2, t));
+  for (int64_t i = 0; i < n; ++i) update(options, c1, c2, gradient[i], m[i], v[i], weights[i]);
+}
+
+void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* touched,
+               Real* gradient, Real* m, Real* v, uint16_t* steps, Real* weights,
+               const Real* correction) {
+  for (int64_t row = 0; row < rows; ++row) {
+    if (!touched[row]) continue;
+    steps[row] = static_cast<uint16_t>(std::min(steps[row] + 1, 65535));
+    const int t = std::min<int>(steps[row], kBiasCorrections - 1);
+    const Real c1 = options.rate * correction[2 * t], c2 = correction[2 * t + 1];
+    for (int64_t i = row * features; i < (row + 1) * features; ++i) {
+      update(options, c1, c2, gradient[i], m[i], v[i], weights[i]);
+      gradient[i] = 0;
+    }
+    touched[row] = 0;
+  }
+}
+
+void bias_corrections(const AdamStep& options, Real* correction) {
+  correction[0] = correction[1] = 1;
+  for (int t = 1; t < kBiasCorrections; ++t) {
+    correction[2 * t] = 1 / (1 - std::pow(options.beta1, t));
+    correction[2 * t + 1] = 1 / std::sqrt(1 - std::pow(options.beta2, t));
+  }
+}
+
+}  // namespace nerf

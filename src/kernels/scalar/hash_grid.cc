@@ -1,0 +1,50 @@
+#include "nerf/kernels/hash_grid.h"
+
+#include "nerf/kernels/linear.h"
+#include "nerf/math/reference/hash_grid.h"
+
+namespace nerf {
+namespace {
+
+// Calls body(corners, s) for each sample, those of the padding too.
+template <class Body>
+void each_sample(const HashGridLevel& level, const Real* x, const Real* y, const Real* z, int64_t n,
+                 const Body& body) {
+  const reference::GridLevel grid{level.scale, level.resolution, level.entries, level.dense,
+                                  static_cast<size_t>(level.features)};
+  // What is no number is at 0 too: no row outside the table.
+  const auto inside = [](Real p) { return p > 0 ? p : 0.0_r; };
+  const int64_t end = round_up(n, kLane);
+  for (int64_t s = 0; s < end; ++s)
+    body(reference::grid_corners<Real>(grid, {inside(x[s]), inside(y[s]), inside(z[s])}), s);
+}
+
+}  // namespace
+
+void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
+                       const Real* z, int64_t n, Real* features, int64_t ld) {
+  each_sample(level, x, y, z, n, [&](const auto& corners, int64_t s) {
+    for (int f = 0; f < level.features; ++f) {
+      Real sum = 0;
+      for (const auto& c : corners) sum += c.weight * table[size_t{c.row} * level.features + f];
+      features[f * ld + s] = sum;
+    }
+  });
+}
+
+void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y, const Real* z,
+                        int64_t n, const Real* d_features, int64_t ld, Real* gradient,
+                        uint8_t* touched) {
+  each_sample(level, x, y, z, n, [&](const auto& corners, int64_t s) {
+    bool none = true;
+    for (int f = 0; f < level.features; ++f) none = none && d_features[f * ld + s] == 0;
+    if (none) return;
+    for (const auto& c : corners) {
+      for (int f = 0; f < level.features; ++f)
+        gradient[size_t{c.row} * level.features + f] += c.weight * d_features[f * ld + s];
+      touched[c.row] = 1;
+    }
+  });
+}
+
+}  // namespace nerf
