@@ -45,7 +45,7 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
   std::vector<fs::path> documents = {root / "README.md"};
   for (const auto& entry : fs::directory_iterator(root / "docs"))
     if (entry.path().extension() == ".md") documents.push_back(entry.path());
-  const std::set<std::string> of_cmake = {"--install", "--prefix"};
+  const std::set<std::string> of_cmake = {"--install", "--prefix", "--preset"};
   for (const fs::path& document : documents)
     for (const std::string& option : options_in(testing_apps::read_text(document)))
       EXPECT_TRUE(known.contains(option) || of_cmake.contains(option))

@@ -124,7 +124,11 @@ TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
   EXPECT_EQ(measured("linear 64-16"),
             (std::set<std::string>{"linear 64-16 forward", "linear 64-16 backward input",
                                    "linear 64-16 backward weights"}));
-  EXPECT_EQ(measured("2^15 entries").size(), 2u);
+  EXPECT_EQ(measured("2^15 entries"),
+            (std::set<std::string>{"hash grid 10x4 forward, 2^15 entries, 2^16 samples",
+                                   "hash grid 10x4 backward, 2^15 entries, 2^16 samples",
+                                   "hash grid 16x2 forward, 2^15 entries, 2^18 samples",
+                                   "hash grid 16x2 backward, 2^15 entries, 2^18 samples"}));
   EXPECT_EQ(measured("Adam dense").size(), 1u);
   EXPECT_EQ(measured("compositing").size(), 1u);
   expect_refused(run_program(NERF_BENCH_PROGRAM, {"kernels", "--filter", "nothing of this name"}),
