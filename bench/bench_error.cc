@@ -65,15 +65,15 @@ std::vector<int> ErrorBenchOptions::widths_list() const {
 }
 
 std::vector<std::string> ErrorBenchOptions::precisions_list() const {
-  const bool has_bf16 = bf16_unit() != Bf16Unit::kNone;
-  if (precisions == "auto")
-    return has_bf16 ? std::vector<std::string>{"f32", "bf16"} : std::vector<std::string>{"f32"};
+  if (precisions == "auto") {
+    if (bf16_unit() == Bf16Unit::kNone) return {"f32"};
+    return {"f32", "bf16"};
+  }
   const std::vector<std::string> list = parts_of(precisions);
   for (const std::string& p : list) {
     if (p != "f32" && p != "bf16")
       throw Error("unknown precision '" + p + "'", "--precisions", "give f32, bf16 or f32,bf16");
-    if (p == "bf16" && !has_bf16)
-      throw Error("this processor has no bf16 unit", "--precisions", "give f32");
+    if (p == "bf16") resolve_precision(Precision::kBf16);  // refuses where there is no unit
   }
   return list;
 }

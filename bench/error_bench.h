@@ -47,7 +47,8 @@ struct ErrorBenchOptions {
     v("minutes", minutes, "training: budgets, separated by commas, each a training of its own");
     v("tables", tables, "training: log2_entries of the tables, separated by commas");
     v("precisions", precisions,
-      "training: f32, bf16 or both, separated by commas; auto: bf16 where this processor has it");
+      "training: f32, bf16 or both, separated by commas; auto: f32, and bf16 where the processor "
+      "has it");
     v("widths", widths, "width: widths of the networks, separated by commas");
     v("steps", steps, "width and switches: steps of each training", at_least(1));
     v("split", split, "dev, or test for final figures");

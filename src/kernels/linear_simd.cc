@@ -159,13 +159,12 @@ Rows packed_columns(int in, int out, const float* w) {
   const int64_t ldw = weight_stride(in), blocks = (in + kRows - 1) / kRows;
   const size_t size = static_cast<size_t>(blocks * kRows) * static_cast<size_t>(out);
   if (packed.size() < size) packed = AlignedArray<float>(size);
-  // As many rows at a time as fill a cache line of the copy, each read from its begin to its end;
-  // the last blocks reach into its padding, which is 0.
-  constexpr int kAtOnce = kLane / kRows;
-  for (int j = 0; j < out; j += kAtOnce)
-    for (int64_t b = 0; b < blocks; ++b)
-      for (int i = j; i < std::min(out, j + kAtOnce); ++i)
-        std::memcpy(packed.data() + (b * out + i) * kRows, w + i * ldw + b * kRows,
+  // A cache line of w at a time; the last blocks reach into its padding, which is 0.
+  constexpr int64_t kAtOnce = kLane / kRows;
+  for (int64_t i = 0; i < blocks; i += kAtOnce)
+    for (int j = 0; j < out; ++j)
+      for (int64_t b = i; b < std::min(blocks, i + kAtOnce); ++b)
+        std::memcpy(packed.data() + (b * out + j) * kRows, w + j * ldw + b * kRows,
                     kRows * sizeof(float));
   return {packed.data(), int64_t{out} * kRows, 1, kRows};
 }

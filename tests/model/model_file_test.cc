@@ -41,8 +41,9 @@ ModelInfo sample_info() {
   return info;
 }
 
-RadianceField sample_field(bool unbounded = false, int cascades = 1) {
+RadianceField sample_field(bool unbounded = false, int cascades = 1, int features = 4) {
   GridOptions options;
+  options.features = features;
   options.levels = 2;
   options.log2_entries = 10;
   options.occupancy_side = 64;
@@ -80,7 +81,7 @@ void set_checksum(std::vector<uint8_t>& bytes) {
 
 TEST(ModelFile, KeepsEverything) {
   for (const bool unbounded : {false, true}) {
-    const RadianceField saved = sample_field(unbounded, unbounded ? 3 : 1);
+    const RadianceField saved = unbounded ? sample_field(true, 3, 2) : sample_field();
     test::TempFolder folder;
     saved.save(folder / "m");
     const RadianceField loaded = RadianceField::load(folder / "m");
@@ -211,6 +212,9 @@ TEST(ModelFile, HeadersOfOtherProgramsAreChecked) {
       contains(reading_with("\"occupancy_side\":64", "\"occupancy_side\":65"), "multiple of 16"));
   EXPECT_TRUE(contains(reading_with("\"log2_entries\":10", "\"log2_entries\":24"), "its table"));
   EXPECT_TRUE(contains(reading_with("\"log2_entries\":10", "\"log2_entries\":99"), "log2_entries"));
+  EXPECT_TRUE(contains(reading_with("\"features\":4", "\"features\":2"), "its table"));
+  EXPECT_TRUE(contains(reading_with("\"features\":4", "\"features\":3"), "neither 2 nor 4"));
+  EXPECT_EQ(reading_with("\"features\":4,", ""), "") << "files older than the option have 4";
   EXPECT_TRUE(contains(reading_with("\"hidden\":16", "\"hidden\":1024"), "section 'networks'"));
   EXPECT_TRUE(contains(reading_with("{", "["), "not valid JSON"));
 }
