@@ -1,6 +1,7 @@
 // What each thing that rendering leaves out saves, and what it costs the picture.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 
@@ -56,7 +57,7 @@ std::vector<Setting> settings() {
     all.push_back({"cache and stop", fmt::format("cache, stop 1e-{}", power),
                    fmt::format("stop 1e-{}", power), o});
   }
-  for (const Real factor : {2.0_r, 1.5_r, 1.0_r, 0.5_r}) {
+  for (const Real factor : {2.0_r, 1.5_r, 1.25_r, 1.0_r, 0.75_r, 0.5_r}) {
     RenderOptions o;
     o.sample_factor = factor;
     const bool is_usual = factor == usual.sample_factor;
@@ -158,10 +159,18 @@ class Skips {
         "those points are with the default factor of samples, no stop and full shading but for "
         "what their label says. Counts are sums over the views.",
         views, run_.filename().string(), photo.width, photo.height, off_seconds, off.mean_psnr());
-    curve.table.columns = {
-        "setting",   "seconds", "speedup",  "rms_difference",      "psnr",
-        "psnr_loss", "rays",    "segments", "density_evaluations", "colour_evaluations",
-        "command"};
+    curve.table.columns = {"setting",
+                           "seconds",
+                           "speedup",
+                           "rms_difference",
+                           "psnr",
+                           "psnr_loss",
+                           "worst_psnr_loss",
+                           "rays",
+                           "segments",
+                           "density_evaluations",
+                           "colour_evaluations",
+                           "command"};
     Chart difference, loss;
     difference.name = "skips_difference";
     difference.title = "Difference from the picture with every skip off";
@@ -181,9 +190,10 @@ class Skips {
       curve.table.rows.push_back(
           {s.name, fmt::format("{:.4f}", seconds), fmt::format("{:.2f}", off_seconds / seconds),
            fmt::format("{:.3e}", m.rms()), fmt::format("{:.3f}", m.mean_psnr()),
-           fmt::format("{:.4f}", lost), std::to_string(m.work.rays),
-           std::to_string(m.work.segments), std::to_string(m.work.density_evaluations),
-           std::to_string(m.work.colour_evaluations), command(s)});
+           fmt::format("{:.4f}", lost), fmt::format("{:.4f}", worst_loss(m)),
+           std::to_string(m.work.rays), std::to_string(m.work.segments),
+           std::to_string(m.work.density_evaluations), std::to_string(m.work.colour_evaluations),
+           command(s)});
       if (i == 0) continue;
       if (difference.series.empty() || difference.series.back().name != s.series)
         for (Chart* chart : {&difference, &loss}) chart->series.push_back({s.series, {}, true});
@@ -192,6 +202,14 @@ class Skips {
     }
     curve.charts = {std::move(difference), std::move(loss)};
     return curve;
+  }
+
+  // Of any view, against every skip off.
+  double worst_loss(const Measured& m) const {
+    double worst = -1e9;
+    for (size_t v = 0; v < m.psnr.size(); ++v)
+      worst = std::max(worst, measured_[0].psnr[v] - m.psnr[v]);
+    return worst;
   }
 
   std::string command(const Setting& s) const {

@@ -143,6 +143,9 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"16 levels of 2 features", {"--grid-levels", "16", "--grid-features", "2"}},
       {"8 levels", {"--grid-levels", "8"}},
       {"one hidden colour layer", {"--grid-colour-layers", "1"}},
+      {"colour once per ray", {"--grid-colour-per-ray"}},
+      {"fine levels late", {"--late-levels", "0.5"}},
+      {"coarse photos first", {"--coarse-photos", "0.2"}},
       {"large steps to the end", {"--final-rate", "1"}},
   };
   ErrorCurve curve;

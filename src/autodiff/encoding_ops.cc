@@ -101,11 +101,14 @@ class ViewCode : public Operation {
     const Real* d = c.data(inputs()[0]);
     const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
     Real* y = c.data(output());
+    const bool of_samples = c.tape->domain(output()) == Domain::kSamples;
     for (int r = 0; r < c.rays; ++r) {
+      const int begin = of_samples ? c.ray_begin[r] : r;
+      const int end = of_samples ? c.ray_begin[r + 1] : r + 1;
       Real code[kSphericalHarmonics];
       spherical_harmonics(d[r], d[lr + r], d[2 * lr + r], code);
       for (int k = 0; k < kSphericalHarmonics; ++k)
-        std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], code[k]);
+        std::fill(y + k * ls + begin, y + k * ls + end, code[k]);
     }
   }
   void backward(Chunk&) const override {}  // directions are not trained
@@ -218,10 +221,10 @@ Value table_rows(Tape& tape, Value index, const LinearWeights& w) {
   return y;
 }
 
-Value view_code(Tape& tape, Value directions) {
+Value view_code(Tape& tape, Value directions, Domain domain) {
   NERF_CHECK_EQ(tape.rows(directions), 3);
   NERF_CHECK(!tape.needs_gradient(directions));
-  const Value y = tape.output(kSphericalHarmonics, Domain::kSamples, {&directions, 1});
+  const Value y = tape.output(kSphericalHarmonics, domain, {&directions, 1});
   tape.record(std::make_unique<ViewCode>(directions, y));
   return y;
 }

@@ -129,16 +129,28 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
   geometry = mlp(tape, features, field.density_layers);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
-  colour = sigmoid(
-      tape, mlp(tape, concat(tape, geometry, view_code(tape, directions)), field.colour_layers));
+  const auto colour_of = [&](Value geometry_features, Domain domain) {
+    const Value code = view_code(tape, directions, domain);
+    return sigmoid(tape, mlp(tape, concat(tape, geometry_features, code), field.colour_layers));
+  };
+  const bool per_ray = training && field.options.colour_per_ray;
+  if (!per_ray) colour = colour_of(geometry, Domain::kSamples);
   field_operations_ = tape.operations();
-  if (training && losses.on_weights) {
+  if (per_ray || (training && losses.on_weights))
     image.weights = render_weights(tape, density, delta, /*opaque_end=*/false);
+  if (per_ray) {
+    const Value sums = sum_along_rays(tape, image.weights, geometry);
+    const int features_of_ray = field.options.geometry_features;
+    const Value colours = colour_of(slice(tape, sums, 0, features_of_ray), Domain::kRays);
+    image.pixel = over(tape, colours, slice(tape, sums, features_of_ray, 1), background);
+  } else if (training && losses.on_weights) {
     image.pixel = accumulate(tape, image.weights, colour, background);
-    weight_gradient = tape.input(1, Domain::kSamples);
-    add_gradient(tape, image.weights, weight_gradient);
   } else {
     image = composite(tape, density, colour, delta, background);
+  }
+  if (training && losses.on_weights) {
+    weight_gradient = tape.input(1, Domain::kSamples);
+    add_gradient(tape, image.weights, weight_gradient);
   }
   if (training) {
     target = tape.input(3, Domain::kRays);

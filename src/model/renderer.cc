@@ -23,6 +23,7 @@ struct PixelState {
   Real median = -1;          // distance at which half of the light is stopped
   double start = 0;          // of the march, from the camera
   Real forward = 1;          // cosine between ray and optical axis
+  bool continued = false;    // from the chunk before
   Real radius = 0;           // of the pixel's cone at distance 1; GridOptions::antialias
 };
 
@@ -61,6 +62,7 @@ class TileRenderer {
     chunk_.weights = shading_.weights = field.weights.data();
     chunk_.packed = shading_.packed = packed;
     t_.resize(kChunkSamples);
+    geometry_sums_.resize(static_cast<size_t>(field.options.geometry_features));
     ray_begin_.resize(kChunkRays + 1);
     shaded_begin_.resize(kChunkRays + 1);
   }
@@ -191,32 +193,58 @@ class TileRenderer {
            field_.options.antialias ? spread_.data() : nullptr, samples_used_,
            chunk_.data(tape_.features), chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
-    const Real* density = chunk_.data(tape_.density);
+    Real* alphas = alphas_.data();
+    opacity(samples_used_, chunk_.data(tape_.density), delta, alphas);
+    const Real* geometry = chunk_.data(tape_.geometry);
+    const bool per_ray = field_.options.colour_per_ray;
     statistics_.density_evaluations += samples_used_;
     for (int r = 0; r < rays_; ++r) {
       PixelState& state = states_[static_cast<size_t>(r)];
-      for (int i = ray_begin_[static_cast<size_t>(r)]; i < ray_begin_[static_cast<size_t>(r) + 1];
-           ++i) {
-        const double alpha = -std::expm1(-density[i] * delta[i]);
+      const int begin = ray_begin_[static_cast<size_t>(r)];
+      const int end = ray_begin_[static_cast<size_t>(r) + 1];
+      for (int i = begin; i < end; ++i) {
+        const double alpha = alphas[i];
         const Real w = static_cast<Real>(state.transmittance * alpha);
-        if (state.unshaded + w <= options_.unshaded)
+        if (per_ray)
+          weights_[static_cast<size_t>(i)] = w;
+        else if (state.unshaded + w <= options_.unshaded)
           state.unshaded += w;
         else
-          add_shaded(state.pixel, r, i, w);
+          add_shaded(state.pixel, r, geometry + i, kChunkSamples, w);
         state.transmittance *= 1 - alpha;
         if (state.median < 0 && state.transmittance <= 0.5)
           state.median = t_[static_cast<size_t>(i)];
       }
-      if (last_[static_cast<size_t>(r)])
+      if (per_ray) sum_geometry(begin, end, state.continued);
+      if (last_[static_cast<size_t>(r)]) {
+        const Real alpha = static_cast<Real>(1 - state.transmittance);
+        if (per_ray && alpha > options_.unshaded)
+          add_shaded(state.pixel, r, geometry_sums_.data(), 1, alpha);
         finish(state);
-      else
+      } else {
         carried_ = state;
+        carried_.continued = true;
+      }
     }
     rays_ = samples_used_ = 0;
   }
 
-  // Sample i of ray r waits for the colour network with others that matter.
-  void add_shaded(int pixel, int r, int i, Real weight) {
+  // Weights times features of the samples [begin, end) of one ray, behind those of the chunk
+  // before.
+  void sum_geometry(int begin, int end, bool continued) {
+    for (size_t f = 0; f < geometry_sums_.size(); ++f) {
+      const Real* row = chunk_.data(tape_.geometry) + static_cast<int64_t>(f) * kChunkSamples;
+      double sum = continued ? geometry_sums_[f] : 0;
+      for (int i = begin; i < end; ++i)
+        sum += static_cast<double>(weights_[static_cast<size_t>(i)]) * static_cast<double>(row[i]);
+      geometry_sums_[f] = sum;
+    }
+  }
+
+  // Features of ray r, those of a sample that matters or of all together, wait for the colour
+  // network with others.
+  template <class T>
+  void add_shaded(int pixel, int r, const T* from, int64_t stride, Real weight) {
     if (shaded_ == kChunkSamples) shade();
     const bool same_ray =
         shaded_rays_ > 0 && shaded_pixel_[static_cast<size_t>(shaded_ - 1)] == pixel;
@@ -226,10 +254,9 @@ class TileRenderer {
             chunk_.data(tape_.directions)[k * kChunkRays + r];
       shaded_begin_[static_cast<size_t>(shaded_rays_++)] = shaded_;
     }
-    const Real* from = chunk_.data(tape_.geometry) + i;
     Real* to = shading_.data(tape_.geometry) + shaded_;
     for (int f = 0; f < field_.options.geometry_features; ++f)
-      to[int64_t{f} * kChunkSamples] = from[int64_t{f} * kChunkSamples];
+      to[int64_t{f} * kChunkSamples] = static_cast<Real>(from[int64_t{f} * stride]);
     shaded_pixel_[static_cast<size_t>(shaded_)] = pixel;
     shaded_weight_[static_cast<size_t>(shaded_)] = weight;
     ++shaded_;
@@ -275,6 +302,8 @@ class TileRenderer {
   RaySamples samples_;
   AlignedArray<Real> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
   AlignedArray<Real> spread_{kChunkSamples};
+  AlignedArray<Real> alphas_{kChunkSamples}, weights_{kChunkSamples};
+  std::vector<double> geometry_sums_;  // of the ray at hand; GridOptions::colour_per_ray
   std::vector<Real> t_;
   std::vector<int32_t> ray_begin_;
   PixelState states_[kChunkRays], carried_;

@@ -85,8 +85,24 @@ Real GridTrainer::rate_at(int64_t step) const {
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
+  // Squared: exact rays pay only once the field is sharp.
+  const double progress = progress_at(step);
   return options.grid.sampler.samples_per_cell *
-         static_cast<Real>(std::lerp(options.early_samples, 1.0, progress_at(step)));
+         static_cast<Real>(std::lerp(options.early_samples, 1.0, progress * progress));
+}
+
+// Resolutions in use: the coarser half at first.
+int64_t GridTrainer::levels_at(int64_t step) const {
+  const int64_t all = static_cast<int64_t>(field.shape.levels.size());
+  if (options.late_levels <= 0) return all;
+  const double share = std::min(1.0, progress_at(step) / options.late_levels);
+  return all - all / 2 + static_cast<int64_t>(share * static_cast<double>(all / 2));
+}
+
+int GridTrainer::pixel_block_at(int64_t step) const {
+  const double progress = progress_at(step);
+  if (progress >= options.coarse_photos) return 1;
+  return progress < options.coarse_photos / 2 ? 4 : 2;
 }
 
 StepReport GridTrainer::step() {
@@ -95,7 +111,7 @@ StepReport GridTrainer::step() {
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
-  maker.fill(seed, done, rays, samples_per_cell_at(done), batch);
+  maker.fill(seed, done, rays, samples_per_cell_at(done), pixel_block_at(done), batch);
   lap.into(profile.rays);
 
   // Level by level over all chunks: a level's table stays in cache.
@@ -103,13 +119,19 @@ StepReport GridTrainer::step() {
   constexpr int kChunksPerItem = 16;
   const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
+  const int64_t levels_on = levels_at(done);
   pool.parallel_for(level_count * items, [&](int64_t i) {
     const int64_t l = i / items;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
+    const bool off = l >= levels_on;
     for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
       const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
       Real* to = features.data() + (c * level_count + l) * level.features * ld;
+      if (off) {
+        std::fill_n(to, level.features * ld, 0.0_r);
+        continue;
+      }
       hash_grid_forward(level, field.table.data() + level.begin(), batch.x.data() + at,
                         batch.y.data() + at, batch.z.data() + at, n, to, ld);
       if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, to, ld);
@@ -128,7 +150,7 @@ StepReport GridTrainer::step() {
   check_loss(report.loss + squared_error);
   report.opacity /= static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
   report.psnr = -10 * std::log10(std::max(squared_error, 1e-10));
-  scatter();
+  scatter(levels_on);
   lap.into(profile.scatter);
   report.rays = batch.rays_considered;
   report.samples = batch.total_samples;
@@ -155,7 +177,8 @@ double GridTrainer::late_saving_seconds() {
     double& time = least[samples == late];
     for (int i = 0; i < kRepeats; ++i) {
       const double begin = seconds_now();
-      maker.fill(options.seed ^ salt, done, static_cast<int64_t>(rays), samples, batch);
+      maker.fill(options.seed ^ salt, done, static_cast<int64_t>(rays), samples,
+                 pixel_block_at(done), batch);
       time = std::min(time, seconds_now() - begin);
       rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
                                     static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
@@ -232,15 +255,15 @@ void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
   }
 }
 
-void GridTrainer::scatter() {
+void GridTrainer::scatter(int64_t levels_on) {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
   // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
-  pool.parallel_for(levels + 2, [&](int64_t i) {
-    if (i == levels) return observe_samples();
-    if (i > levels) return observe_errors();
-    const int64_t l = levels - 1 - i;
+  pool.parallel_for(levels_on + 2, [&](int64_t i) {
+    if (i == levels_on) return observe_samples();
+    if (i > levels_on) return observe_errors();
+    const int64_t l = levels_on - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     for (int64_t c = 0; c < batch.chunks; ++c) {
       const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];

@@ -44,10 +44,12 @@ struct GridTrainer final : TrainerImpl {
 
   Real rate_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
+  int64_t levels_at(int64_t step) const;
+  int pixel_block_at(int64_t step) const;
   void pack();  // after every change of the networks' weights
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
-  void scatter();
+  void scatter(int64_t levels_on);
   void observe_samples();
   void observe_errors();
   // Mean squared error over the photos' pixels, from the step's rays.

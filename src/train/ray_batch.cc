@@ -58,7 +58,7 @@ size_t PixelSource::choose(Random& random, Pixel& out) const {
   return i;
 }
 
-bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out) const {
+bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out, int block) const {
   constexpr int kMostTries = 16;  // bounds the time where nearly everything is learnt
   size_t i = choose(random, out);
   if (errors && !errors->keeps_all()) {
@@ -67,6 +67,12 @@ bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out) con
       if (tries == kMostTries || random.uniform() < errors->chance(out.tile)) break;
       i = choose(random, out);
     }
+  }
+  if (block > 1) {
+    out.x -= out.x % block;
+    out.y -= out.y % block;
+    out.width = std::min(block, out.photo->width - out.x);
+    out.height = std::min(block, out.photo->height - out.y);
   }
   return cast(i, out);
 }
@@ -91,7 +97,7 @@ bool PixelSource::cast(size_t i, Pixel& out) const {
   out.pose = &poses_[i];
   out.weight = weights_[i];
   out.source = i;
-  const auto direction = unproject(*out.camera, {out.x + 0.5, out.y + 0.5});
+  const auto direction = unproject(*out.camera, out.centre());
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
   out.ray.direction = normalized(poses_[i].rotation * *direction);
@@ -100,11 +106,31 @@ bool PixelSource::cast(size_t i, Pixel& out) const {
 }
 
 bool PixelSource::read(Pixel& out) const {
+  if (out.width > 1 || out.height > 1) return read_block(out);
   if (out.photo->masked_out(out.x, out.y)) return false;
   Real rgba[4];
   out.photo->pixel(out.x, out.y, rgba);
   std::copy(rgba, rgba + 3, out.rgb);
   out.alpha = rgba[3];
+  return true;
+}
+
+// The mean of what the masks keep, colours weighted by their alpha.
+bool PixelSource::read_block(Pixel& out) const {
+  Real sum[4] = {0, 0, 0, 0};
+  int count = 0;
+  for (int y = out.y; y < out.y + out.height; ++y)
+    for (int x = out.x; x < out.x + out.width; ++x) {
+      if (out.photo->masked_out(x, y)) continue;
+      Real rgba[4];
+      out.photo->pixel(x, y, rgba);
+      for (int k = 0; k < 3; ++k) sum[k] += rgba[k] * rgba[3];
+      sum[3] += rgba[3];
+      ++count;
+    }
+  if (count == 0) return false;
+  for (int k = 0; k < 3; ++k) out.rgb[k] = sum[3] > 0 ? sum[k] / sum[3] : 0.0_r;
+  out.alpha = sum[3] / static_cast<Real>(count);
   return true;
 }
 
@@ -139,7 +165,7 @@ RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
 }
 
 void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays,
-                               int thread) {
+                               int pixel_block, int thread) {
   constexpr Real kUncachedShare = 1.0_r / 16;  // of rays, which ignore the cached density
   Block& block = blocks_[static_cast<size_t>(index)];
   for (auto* v : {&block.x, &block.y, &block.z, &block.spread, &block.delta, &block.middle,
@@ -153,7 +179,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   PixelSource::Pixel pixels[kBlock];
   for (int i = 0; i < drawn; ++i) {
     Random random(seed, static_cast<uint64_t>(step), static_cast<uint64_t>(index * kBlock + i));
-    if (source_.locate(random, &errors_, pixels[i])) randoms[i] = random;
+    if (source_.locate(random, &errors_, pixels[i], pixel_block)) randoms[i] = random;
   }
   for (int i = 0; i < kBlock; ++i) {
     RayRecord& record = block.rays[i];
@@ -178,7 +204,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     const Vec3 d = pixel.ray.direction.cast<Real>();
     const Real radius =
         field_.options.antialias
-            ? static_cast<Real>(pixel_cone_radius(*pixel.camera, {pixel.x + 0.5, pixel.y + 0.5}))
+            ? static_cast<Real>(pixel.width * pixel_cone_radius(*pixel.camera, pixel.centre()))
             : 0.0_r;
     for (int s = 0; s < record.count; ++s) {
       const Vec3 p = sampler.entry() + d * samples.t[static_cast<size_t>(s)];
@@ -233,12 +259,12 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
 }
 
 void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell,
-                         RayBatch& batch) {
+                         int pixel_block, RayBatch& batch) {
   for (RaySampler& sampler : samplers_) sampler.set_samples_per_cell(samples_per_cell);
   const int64_t blocks = (rays + kBlock - 1) / kBlock;
   if (static_cast<int64_t>(blocks_.size()) < blocks) blocks_.resize(static_cast<size_t>(blocks));
   pool_.parallel_for_thread(
-      blocks, [&](int64_t b, int thread) { draw_block(seed, step, b, rays, thread); });
+      blocks, [&](int64_t b, int thread) { draw_block(seed, step, b, rays, pixel_block, thread); });
 
   // Whole rays into chunks, in order, until the batch is full.
   batch.chunks = 1;

@@ -27,11 +27,14 @@ class PixelSource {
     Real alpha;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
-    int32_t tile = 0;   // of the error map
-    Real weight = 1;    // of its error: the area of the pixel
-    size_t source = 0;  // the i-th training photo
+    int width = 1, height = 1;  // of a block of pixels, from (x, y) on
+    int32_t tile = 0;           // of the error map
+    Real weight = 1;            // of its error: the area of the pixel
+    size_t source = 0;          // the i-th training photo
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
+
+    Vec2d centre() const { return {x + 0.5 * width, y + 0.5 * height}; }
   };
   // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
   // no ray for it (the draw then counts as nothing).
@@ -46,12 +49,15 @@ class PixelSource {
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
   // second reads colour and mask.
-  bool locate(Random& random, const ErrorMap* errors, Pixel& out) const;
+  // With `block` above 1 the pixel is the block of so many pixels across that it lies in: the ray
+  // goes through the block's middle and carries its mean.
+  bool locate(Random& random, const ErrorMap* errors, Pixel& out, int block = 1) const;
   bool read(Pixel& out) const;
 
  private:
   size_t choose(Random& random, Pixel& out) const;
   bool cast(size_t i, Pixel& out) const;
+  bool read_block(Pixel& out) const;
 
   const PhotoSet& photos_;
   const std::vector<int>& views_;        // Scene::train
@@ -105,7 +111,9 @@ class RayBatchMaker {
   // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
                 bool intervals, ThreadPool& pool);
-  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch);
+  // `pixel_block`: see PixelSource::locate.
+  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, int pixel_block,
+            RayBatch& batch);
 
  private:
   struct RayRecord {
@@ -123,7 +131,8 @@ class RayBatchMaker {
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };
-  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int thread);
+  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int pixel_block,
+                  int thread);
   void copy_block(Block& block, RayBatch& batch);
 
   const PixelSource& source_;

@@ -188,6 +188,59 @@ TEST(Gradient, Accumulate) {
         });
 }
 
+TEST(Gradient, SumAlongRays) {
+  for (int needs = 1; needs < 4; ++needs)
+    check_operation(
+        {"sum_along_rays",
+         {{1, kSamples, (needs & 1) != 0, 0, 0.1}, {5, kSamples, (needs & 2) != 0, -1, 1}},
+         {},
+         [](Tape& t, const Values& v) { return Values{sum_along_rays(t, v[0], v[1])}; },
+         300},
+        []<class T>(const Given<T>& v) -> Outputs<T> {
+          return {on_columns::sum_along_rays(v[0], v[1], v.rays)};
+        });
+}
+
+TEST(Gradient, Over) {
+  for (int needs = 1; needs < 4; ++needs)
+    check_operation({"over",
+                     {{3, kRays, (needs & 1) != 0, 0, 1},
+                      {1, kRays, (needs & 2) != 0, 0, 1},
+                      {3, kRays, false, 0, 1}},
+                     {},
+                     [](Tape& t, const Values& v) { return Values{over(t, v[0], v[1], v[2])}; },
+                     20},
+                    []<class T>(const Given<T>& v) -> Outputs<T> {
+                      return {on_columns::over(v[0], v[1], v[2])};
+                    });
+}
+
+// Features and weights read twice, by what adds to a gradient that is there.
+TEST(Gradient, SumsAlongRaysWithOtherReaders) {
+  check_operation({"sums_shared",
+                   {{1, kSamples, true, -2, 2},
+                    {4, kSamples, true, -1, 1},
+                    {1, kSamples, false, 0.01, 0.3},
+                    {3, kRays, false, 0, 1}},
+                   {},
+                   [](Tape& t, const Values& v) {
+                     const Value w = render_weights(t, softplus(t, v[0], -1), v[2], false);
+                     const Value sums = sum_along_rays(t, w, v[1]);
+                     const Value colour = slice(t, sums, 0, 3), opacity = slice(t, sums, 4, 1);
+                     return Values{over(t, colour, opacity, v[3]), colour, opacity, w, v[1]};
+                   },
+                   400,
+                   /*shared=*/4},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto w = on_columns::render_weights(on_columns::softplus(v[0], -1), v[2],
+                                                              v.rays, false);
+                    const auto sums = on_columns::sum_along_rays(w, v[1], v.rays);
+                    const auto colour = on_columns::slice(sums, 0, 3);
+                    const auto opacity = on_columns::slice(sums, 4, 1);
+                    return {on_columns::over(colour, opacity, v[3]), colour, opacity, w, v[1]};
+                  });
+}
+
 // The whole path, weights read twice.
 TEST(Gradient, WeightsWithTwoReaders) {
   check_operation({"weights_shared",

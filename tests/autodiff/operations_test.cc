@@ -239,6 +239,18 @@ TEST(Gradient, ViewCode) {
                     const auto code = on_columns::view_code(v[0], v.rays);
                     return {code, on_columns::linear(code, v.weights, w[0], false)};
                   });
+  check_operation({"view_code_of_rays",
+                   {{3, kRays, false, -1, 1, /*unit=*/true}},
+                   w,
+                   [](Tape& t, const Values& v) {
+                     const Value code = view_code(t, v[0], kRays);
+                     return Values{code, linear(t, code, w[0], kPlain)};
+                   },
+                   100},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto code = on_columns::view_code_of_rays(v[0]);
+                    return {code, on_columns::linear(code, v.weights, w[0], false)};
+                  });
 }
 
 // Thin, ordinary and opaque matter. Optical depths are sums of up to 64 terms.

@@ -155,6 +155,14 @@ Columns<T> view_code(const Columns<T>& directions, const Rays& rays) {
   return y;
 }
 
+template <class T>
+Columns<T> view_code_of_rays(const Columns<T>& directions) {
+  return each(directions, [](const std::vector<T>& d) {
+    const auto code = reference::spherical_harmonics(d[0], d[1], d[2]);
+    return std::vector<T>(code.begin(), code.end());
+  });
+}
+
 // Pixels, and the weights of all samples.
 template <class T>
 std::pair<Columns<T>, Columns<T>> composite(const Columns<T>& density, const Columns<T>& colour,
@@ -203,6 +211,35 @@ Columns<T> accumulate(const Columns<T>& weights, const Columns<T>& colour,
       pixel[3] += weights[s][0];
     }
     for (size_t k = 0; k < 3; ++k) pixel[k] += (T(1) - pixel[3]) * background[r][k];
+    out.push_back(pixel);
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> sum_along_rays(const Columns<T>& weights, const Columns<T>& x, const Rays& rays) {
+  Columns<T> out;
+  const size_t rows = x.empty() ? 0 : x[0].size();
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    std::vector<T> sum(rows + 1);
+    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
+      for (size_t k = 0; k < rows; ++k) sum[k] += weights[s][0] * x[s][k];
+      sum[rows] += weights[s][0];
+    }
+    out.push_back(sum);
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> over(const Columns<T>& colour, const Columns<T>& opacity, const Columns<T>& background) {
+  Columns<T> out;
+  for (size_t r = 0; r < colour.size(); ++r) {
+    const T a = opacity[r][0];
+    std::vector<T> pixel;
+    for (size_t k = 0; k < 3; ++k)
+      pixel.push_back(a * colour[r][k] + (T(1) - a) * background[r][k]);
+    pixel.push_back(a);
     out.push_back(pixel);
   }
   return out;

@@ -85,9 +85,9 @@ Value repeat_for_samples(Tape& tape, Value x);
 // zeros where the index is below 0. A code for each photo (Bojanowski et al. 2018).
 Value table_rows(Tape& tape, Value index, const LinearWeights& w);
 
-// Spherical harmonics [16 x samples] of the unit directions [3 x rays], repeated for a ray's
-// samples.
-Value view_code(Tape& tape, Value directions);
+// Spherical harmonics of the unit directions [3 x rays]: [16 x rays], or [16 x samples], repeated
+// for a ray's samples.
+Value view_code(Tape& tape, Value directions, Domain domain = Domain::kSamples);
 
 // Volume rendering (NeRF, equation 3) over the samples of each ray.
 //   density [1 x samples], colour [3 x samples], delta [1 x samples] interval lengths (the last may
@@ -107,6 +107,14 @@ Value render_weights(Tape& tape, Value density, Value delta, bool opaque_end);
 //   weights [1 x samples], colour [3 x samples], background [3 x rays] -> [4 x rays]: colour over
 //   the background, which shows where the weights do not add up to 1; sum of the weights.
 Value accumulate(Tape& tape, Value weights, Value colour, Value background);
+
+// The two steps of accumulate() apart, for a colour that is found once for a ray:
+//   weights [1 x samples], x [r x samples] -> [r + 1 x rays]: sums of weight times x; sum of the
+//   weights, a ray's opacity.
+Value sum_along_rays(Tape& tape, Value weights, Value x);
+//   colour [3 x rays], opacity [1 x rays], background [3 x rays] -> [4 x rays]: opacity colour +
+//   (1 - opacity) background; opacity.
+Value over(Tape& tape, Value colour, Value opacity, Value background);
 
 // Adds `gradient` [rows of x], which the caller fills between forward and backward, to the gradient
 // of x: for losses that are computed beside the tape (parts/losses.h).

@@ -31,6 +31,7 @@ struct GridOptions {
   int geometry_features = 16;
   int occupancy_side = 0;
   bool antialias = false;
+  bool colour_per_ray = false;
   SamplerOptions sampler;
 
   template <class V>
@@ -58,6 +59,10 @@ struct GridOptions {
     v("antialias", antialias,
       "fades resolutions out that a pixel's cone is wider than, so that one model fits pictures of "
       "several sizes (see --scales)");
+    v("colour_per_ray", colour_per_ray,
+      "asks the colour network once for a ray, for the sum of its samples' features, instead of "
+      "for "
+      "each sample");
     v("max_samples", sampler.max_samples, "most network samples of a ray", at_least(2),
       at_most(240));
     v("min_samples", sampler.min_samples, "fewest network samples of a ray that meets matter",

@@ -42,7 +42,9 @@ struct TrainOptions {
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
   double network_l2 = 1e-6;
-  double early_samples = 1.0 / 3;     // of the first steps, as a share of samples_per_cell
+  double early_samples = 0.2;  // of the first steps, as a share of samples_per_cell
+  double late_levels = 0;      // see visit_options
+  double coarse_photos = 0;
   double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
   double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
   GridOptions grid;
@@ -81,6 +83,14 @@ struct TrainOptions {
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
       "steps take: many rays first, exact ones later",
       above(0), at_most(1));
+    v("late_levels", late_levels,
+      "share of the fall of the step size within which the finer half of the grid's resolutions is "
+      "switched on, one after the other; 0: all of them from the start",
+      at_least(0), at_most(1));
+    v("coarse_photos", coarse_photos,
+      "share of the fall of the step size within which pixels are means of 4x4, then of 2x2 of the "
+      "photo's; 0: single ones from the start (grid)",
+      at_least(0), at_most(1));
     v("error_guidance", error_guidance,
       "how far pixels are drawn where the photos are not learnt yet: 0 uniformly, 1 by the root of "
       "the error alone",

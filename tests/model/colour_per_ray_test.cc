@@ -1,0 +1,206 @@
+// Colours found once for a ray, GridOptions::colour_per_ray: the training tape against the
+// templates, pictures against sums in double over the same samples.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "autodiff/reference_ops.h"
+#include "nerf/model/grid_field.h"
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+#include "support/cameras.h"
+
+namespace nerf {
+namespace {
+
+using namespace gradient_check;
+
+GridOptions small_options() {
+  GridOptions o;
+  o.levels = 2;
+  o.log2_entries = 8;
+  o.occupancy_side = 64;
+  o.base_resolution = 4;
+  o.finest_resolution = 16;
+  o.hidden = 16;
+  o.colour_layers = 1;
+  o.geometry_features = 5;
+  o.colour_per_ray = true;
+  return o;
+}
+
+TEST(ColourPerRay, GradientOfTheWholeModel) {
+  for (const bool on_weights : {false, true}) {
+    const GridField field(small_options(), false, 1);
+    const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1_r, .on_weights = on_weights});
+    TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
+    test.specs = {{field.shape.features(), Domain::kSamples, true},
+                  {3, Domain::kRays, false, -1, 1, /*unit=*/true},
+                  {1, Domain::kSamples, false, 0.01, 0.4},
+                  {3, Domain::kRays, false, 0, 1},
+                  {3, Domain::kRays, false, 0, 1},
+                  {1, Domain::kRays, false, 0.01, 0.1}};
+    test.inputs = {tape.features,   tape.directions, tape.delta,
+                   tape.background, tape.target,     tape.scale};
+    if (on_weights) {  // nothing is added
+      test.specs.push_back({1, Domain::kSamples, false, 0, 0});
+      test.inputs.push_back(tape.weight_gradient);
+    }
+    test.layers = field.layers();
+    // Sums over 21 inputs and widths of 16 there and back, and over the samples.
+    test.roundings = 2 * (8 + 16 + 21 + 16) + 60;
+    check_gradients(
+        on_weights ? "colour_per_ray_on_weights" : "colour_per_ray", test,
+        [&]<class T>(const Given<T>& v) -> Outputs<T> {
+          const auto h = on_columns::mlp(v[0], v.weights, field.density_layers);
+          const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
+          const auto w = on_columns::render_weights(density, v[2], v.rays, false);
+          const auto sums = on_columns::sum_along_rays(w, h, v.rays);
+          const auto colour = on_columns::sigmoid(
+              on_columns::mlp(on_columns::concat(on_columns::slice(sums, 0, 5),
+                                                 on_columns::view_code_of_rays(v[1])),
+                              v.weights, field.colour_layers));
+          const auto pixel = on_columns::over(colour, on_columns::slice(sums, 5, 1), v[3]);
+          return {on_columns::huber_loss(pixel, v[4], v[5], static_cast<double>(0.1_r))};
+        },
+        {{0}, {0, 0, 7, 8, 19}});
+  }
+}
+
+// A field of random content whose cells are all occupied: with four samples in each of them most
+// rays need more than one chunk.
+std::shared_ptr<GridField> random_field() {
+  auto grid = std::make_shared<GridField>(small_options(), /*unbounded=*/false, 1);
+  grid->initialise(7);
+  for (Real& v : grid->table) v *= 1e4_r;
+  grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 20));
+  return grid;
+}
+
+// Runs `field` over samples of one ray, a chunk at a time: features and densities of each.
+class SamplesOfARay {
+ public:
+  explicit SamplesOfARay(const GridField& field)
+      : field_(field), tape_(field, /*training=*/false), chunk_(tape_.tape) {
+    chunk_.weights = field.weights.data();
+  }
+
+  // Colour over a background of 0, and opacity.
+  std::vector<double> pixel(const RaySampler& sampler, const RaySamples& samples, const Vec3& d) {
+    const int features = field_.options.geometry_features;
+    std::vector<double> sums(static_cast<size_t>(features));
+    double light = 1;
+    for (size_t from = 0; from < samples.t.size(); from += kChunkSamples) {
+      const int n = static_cast<int>(std::min<size_t>(kChunkSamples, samples.t.size() - from));
+      run(sampler, samples, d, from, n);
+      tape_.forward_density(chunk_);
+      for (int i = 0; i < n; ++i) {
+        const double depth = static_cast<double>(chunk_.data(tape_.density)[i]) *
+                             static_cast<double>(samples.delta[from + static_cast<size_t>(i)]);
+        const double weight = -light * std::expm1(-depth);
+        light *= std::exp(-depth);
+        for (int f = 0; f < features; ++f)
+          sums[static_cast<size_t>(f)] +=
+              weight * static_cast<double>(
+                           chunk_.data(tape_.geometry)[f * chunk_.stride(tape_.geometry) + i]);
+      }
+    }
+    const int32_t one[] = {0, 1};
+    chunk_.samples = chunk_.rays = 1;
+    chunk_.ray_begin = one;
+    for (int f = 0; f < features; ++f)
+      chunk_.data(tape_.geometry)[f * chunk_.stride(tape_.geometry)] =
+          static_cast<Real>(sums[static_cast<size_t>(f)]);
+    tape_.forward_colour(chunk_);
+    std::vector<double> out;
+    for (int k = 0; k < 3; ++k)
+      out.push_back((1 - light) * static_cast<double>(
+                                      chunk_.data(tape_.colour)[k * chunk_.stride(tape_.colour)]));
+    out.push_back(1 - light);
+    return out;
+  }
+
+ private:
+  void run(const RaySampler& sampler, const RaySamples& samples, const Vec3& d, size_t from,
+           int n) {
+    for (int i = 0; i < kChunkSamples; ++i) {
+      const size_t s = from + static_cast<size_t>(std::min(i, n - 1));
+      const Vec3 g = field_.grid_position(sampler.entry() + d * samples.t[s]);
+      x_[static_cast<size_t>(i)] = g.x;
+      y_[static_cast<size_t>(i)] = g.y;
+      z_[static_cast<size_t>(i)] = g.z;
+    }
+    begin_[0] = 0;
+    begin_[1] = n;
+    chunk_.samples = n;
+    chunk_.rays = 1;
+    chunk_.ray_begin = begin_;
+    for (int k = 0; k < 3; ++k)
+      chunk_.data(tape_.directions)[k * chunk_.stride(tape_.directions)] = d[k];
+    encode(field_, x_.data(), y_.data(), z_.data(), nullptr, n, chunk_.data(tape_.features),
+           chunk_.stride(tape_.features));
+  }
+
+  const GridField& field_;
+  GridTape tape_;
+  Chunk chunk_;
+  AlignedArray<Real> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
+  int32_t begin_[2];
+};
+
+TEST(ColourPerRay, PicturesAreThoseOfTheSums) {
+  const auto grid = random_field();
+  ModelInfo info;
+  info.near = 1e-3;
+  const RadianceField radiance(std::move(info), grid);
+  const Camera camera = test::pinhole(24, 20, 20);
+  Pose pose;
+  pose.translation = {0.1, -0.2, -2};
+  ThreadPool pool(2);
+  RenderOptions options;
+  options.unclipped = true;
+  options.unshaded = 0;
+  options.background = {0, 0, 0};
+  options.precision = Precision::kF32;
+  const Frame frame = render(radiance, camera, pose, options, pool);
+
+  SamplesOfARay by_hand(*grid);
+  RaySampler sampler(grid->occupancy, grid->options.sampler, grid->clip);
+  RaySamples samples;
+  int64_t rays = 0;
+  int longer_than_a_chunk = 0;
+  Real least = 1, most = 0;
+  for (int y = 0; y < camera.height; ++y)
+    for (int x = 0; x < camera.width; ++x) {
+      Ray ray;
+      ray.origin = pose.translation;
+      ray.direction = normalized(*unproject(camera, {x + 0.5, y + 0.5}));
+      ray.near = 1e-3;
+      const int n = sampler.sample_all(ray, 4, samples);
+      if (n == 0) continue;
+      ++rays;
+      longer_than_a_chunk += n > kChunkSamples;
+      const auto want = by_hand.pixel(sampler, samples, ray.direction.cast<Real>());
+      const size_t p = static_cast<size_t>(y * camera.width + x);
+      for (size_t k = 0; k < 3; ++k) {
+        // The sums of up to 440 features of about 1, rounded once, through two layers.
+        EXPECT_NEAR(frame.rgb[3 * p + k], want[k], 2e-6) << "pixel " << x << ' ' << y;
+        least = std::min(least, frame.rgb[3 * p + k]);
+        most = std::max(most, frame.rgb[3 * p + k]);
+      }
+      EXPECT_NEAR(frame.alpha[p], want[3], 1e-6);
+    }
+  EXPECT_GT(longer_than_a_chunk, 50);
+  EXPECT_GT(most - least, 0.1_r);  // not one colour everywhere
+  EXPECT_EQ(frame.statistics.colour_evaluations, rays);
+
+  // Rays that let nearly everything through need no colour.
+  options.unshaded = 0.9_r;
+  EXPECT_LT(render(radiance, camera, pose, options, pool).statistics.colour_evaluations, rays);
+}
+
+}  // namespace
+}  // namespace nerf
