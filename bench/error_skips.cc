@@ -9,6 +9,7 @@
 #include "bench_commands.h"
 #include "error_bench.h"
 #include "nerf/io/photos.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
 #include "nerf/train/evaluation.h"
@@ -28,6 +29,7 @@ RenderOptions every_skip_off() {
   o.unclipped = true;
   o.min_transmittance = 0;
   o.unshaded = 0;
+  o.precision = Precision::kF32;
   return o;
 }
 
@@ -42,10 +44,15 @@ std::vector<Setting> settings() {
     const std::string text = fmt::format("unshaded 1/{}", share);
     all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
   }
+  if (bf16_unit() != Bf16Unit::kNone) {
+    RenderOptions o = off;
+    o.precision = Precision::kBf16;
+    all.push_back({"bf16", "bf16", "", o});
+  }
   RenderOptions cache = off;
   cache.unclipped = false;
   cache.sample_factor = usual.sample_factor;
-  for (const Real factor : {4.0_r, 2.0_r, 1.5_r, 1.0_r, 0.5_r}) {
+  for (const Real factor : {4.0_r, 2.0_r, 1.5_r, 1.25_r, 1.0_r, 0.5_r}) {
     RenderOptions o = cache;
     o.sample_factor = factor;
     all.push_back({"cache alone", fmt::format("cache, factor {}", factor),
@@ -154,7 +161,8 @@ class Skips {
     curve.title = "Rendering: time against what the skips cost the picture";
     curve.text = fmt::format(
         "{} held-out views of {}, {}x{}, against the picture with every skip off (every occupied "
-        "cell sampled four times, no stop, every sample's colour computed: {:.2f} s, {:.2f} dB). "
+        "cell sampled four times, no stop, every sample's colour computed, f32: {:.2f} s, {:.2f} "
+        "dB). "
         "The stop and the number of samples exist only where samples follow the cached densities: "
         "those points are with the default factor of samples, no stop and full shading but for "
         "what their label says. Counts are sums over the views.",

@@ -52,6 +52,7 @@ OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side
   levels_ = AlignedArray<uint8_t>(cells_in_all);
   masks_.resize(cells_in_all / 64);
   solid_.resize(masks_.size());
+  occupied_bricks_.resize(masks_.size() / 64);
   for (int i = 0; i < 256; ++i) {
     const Real root = static_cast<Real>(i) / 255.0_r;
     thickness_of_level_[static_cast<size_t>(i)] = -std::log1p(-std::min(root * root, kMostOpaque));
@@ -208,8 +209,10 @@ void OccupancyGrid::forget_training() {
 void OccupancyGrid::measure_occupied() {
   int64_t occupied = 0;
   occupied_box_ = Box3();
+  std::fill(occupied_bricks_.begin(), occupied_bricks_.end(), uint64_t{0});
   for (size_t b = 0; b < masks_.size(); ++b) {
     if (masks_[b] == 0) continue;
+    occupied_bricks_[b / 64] |= uint64_t{1} << (b % 64);
     occupied += __builtin_popcountll(masks_[b]);
     const int c = static_cast<int>(b / bricks_of_cascade());
     const Vec3 corner = cell_corner(static_cast<int64_t>(b % bricks_of_cascade()) * 64, c);

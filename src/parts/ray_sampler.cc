@@ -94,6 +94,13 @@ void RaySampler::march(const Ray& ray, Real min_transmittance) {
     t = march_cascade(v, c, t + kNudge * (1 + t));
 }
 
+// A brick that a ray passes from t to exit.
+struct RaySampler::Passage {
+  int64_t brick;
+  int at[3];
+  Real t, exit;
+};
+
 Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
   const int c = cascade;
   const int bricks = grid_.bricks(), half = bricks / 2;
@@ -110,38 +117,54 @@ Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
       if (a < half / 2 || a >= bricks - half / 2) return false;
     return true;
   };
+  // Bricks that hold matter are marched through a few at a time, so that their memory is on its way
+  // when its turn comes.
+  constexpr int kAhead = 6;
+  Passage ahead[kAhead];
+  int waiting = 0;
+  const auto pass = [&] {
+    for (int i = 0; i < waiting && v.depth < v.stop; ++i) march_brick(v, c, ahead[i]);
+    waiting = 0;
+  };
   for (;;) {
     const int axis = least(next);
     const Real exit = std::min(std::max(next[axis], t), v.end);
     const int64_t brick = (int64_t{at[2]} * bricks + at[1]) * bricks + at[0];
-    const uint64_t mask = grid_.brick_mask(c, brick);
-    if (mask != 0) march_brick(v, c, brick, mask, at, t, exit);
+    if (grid_.brick_occupied(c, brick)) {
+      grid_.prefetch(c, brick);
+      ahead[waiting++] = {brick, {at[0], at[1], at[2]}, t, exit};
+      if (waiting == kAhead) pass();
+    }
     t = exit;
-    if (t >= v.end || v.depth >= v.stop) return t;
+    if (t >= v.end || v.depth >= v.stop) break;
     at[axis] += v.step[axis];
     // By the bricks' places and not by the point's: rounding may keep a point this side of the
     // border.
     if (at[axis] < 0 || at[axis] >= bricks) {
       ++cascade;
-      return t;
+      break;
     }
     if (c > 0 && in_finer()) {
       --cascade;
-      return t;
+      break;
     }
     next[axis] = v.border(axis, at[axis], half, width);
   }
+  pass();
+  return t;
 }
 
-void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
-                             const int brick_at[3], Real t, Real brick_exit) {
+void RaySampler::march_brick(Traversal& v, int c, const Passage& passage) {
+  const uint64_t mask = grid_.brick_mask(c, passage.brick);
+  const Real brick_exit = passage.exit;
+  Real t = passage.t;
   const int half = grid_.side() / 2;
   const Real width = grid_.cell_width(c), scale = 1.0_r / width;
   int at[3];
   Real next[3];
   for (int i = 0; i < 3; ++i) {
     const Real p = v.origin[i] + v.direction[i] * t;
-    const int first = brick_at[i] * 4;
+    const int first = passage.at[i] * 4;
     at[i] = std::clamp(static_cast<int>(std::floor(p * scale)) + half, first, first + 3);
     next[i] = v.border(i, at[i], half, width);
   }
@@ -150,7 +173,7 @@ void RaySampler::march_brick(Traversal& v, int c, int64_t brick, uint64_t mask,
     const Real exit = std::min(std::max(next[axis], t), brick_exit);
     const int in = (at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3);
     if ((mask >> in & 1) && exit > t) {
-      const Real tau = grid_.thickness(c, brick * 64 + in) * (exit - t) * scale;
+      const Real tau = grid_.thickness(c, passage.brick * 64 + in) * (exit - t) * scale;
       segments_[static_cast<size_t>(segment_count_++)] = {t, exit, tau};
       v.depth += tau;
       if (v.depth >= v.stop) return;

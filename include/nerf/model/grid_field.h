@@ -2,7 +2,9 @@
 //
 //   position -> [contract] -> hash grid (F L features) -> MLP -> h (16)
 //   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction))
-// (Mueller et al. 2022, section 5.4.)
+// (Mueller et al. 2022, section 5.4.) With GridOptions::colour_per_ray the colour is that of the
+// ray's sum of w h, w the weights of volume rendering (as Hedman et al. 2021, section 4, composite
+// features): a pixel is opacity colour + (1 - opacity) background.
 #pragma once
 
 #include <cstdint>
@@ -130,7 +132,7 @@ struct GridTape {
   Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
   Value geometry = 0;           // between: [geometry_features x samples]
   Value density = 0;            // out: [1 x samples]
-  Value colour = 0;             // out: [3 x samples]
+  Value colour = 0;             // out: [3 x samples]; training with colour_per_ray has none
   Composite image{};            // out
   Value weight_gradient = -1;   // between, GridLosses::on_weights only: [1 x samples]
 

@@ -32,7 +32,7 @@ struct RenderOptions {
   // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
   // methods.
   int supersample = 0;
-  Real sample_factor = 1.5_r;  // network samples of a ray, against those of the last steps
+  Real sample_factor = 1.25_r;  // network samples of a ray, against those of the last steps
 };
 
 // The work of a picture, the same for any number of threads.

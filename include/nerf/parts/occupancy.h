@@ -61,6 +61,19 @@ class OccupancyGrid {
   uint64_t brick_mask(int cascade, int64_t brick) const {
     return masks_[static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick)];
   }
+  // Whether the brick's mask holds anything: a bit, so that those of a cascade stay in a cache.
+  bool brick_occupied(int cascade, int64_t brick) const {
+    const size_t b =
+        static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick);
+    return occupied_bricks_[b / 64] >> (b % 64) & 1;
+  }
+  // Asks for the memory that brick_mask() and thickness() of a brick will read.
+  void prefetch(int cascade, int64_t brick) const {
+    const size_t b =
+        static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick);
+    __builtin_prefetch(masks_.data() + b);
+    __builtin_prefetch(levels_.data() + b * 64);
+  }
   // Optical thickness of one cell width, > 0 for occupied cells.
   Real thickness(int cascade, int64_t cell) const {
     return thickness_of_level_[levels_[index(cascade, cell)]];
@@ -93,6 +106,7 @@ class OccupancyGrid {
   AlignedArray<Real> opacity_;
   AlignedArray<uint8_t> levels_;  // 0 = empty; else opacity = (level / 255)^2
   std::vector<uint64_t> masks_, solid_;
+  std::vector<uint64_t> occupied_bricks_;  // a bit each
   std::array<Real, 256> thickness_of_level_;
   double occupied_fraction_ = 1;
   Box3 occupied_box_;

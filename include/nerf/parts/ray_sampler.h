@@ -69,12 +69,12 @@ class RaySampler {
 
  private:
   struct Traversal;
+  struct Passage;
   void march(const Ray& ray, Real min_transmittance);
   // Through the bricks of one cascade from t on, until the ray leaves it; returns where, and
   // changes `cascade` to the one it enters (cascades() behind the outermost).
   Real march_cascade(Traversal& v, int& cascade, Real t);
-  void march_brick(Traversal& v, int cascade, int64_t brick, uint64_t mask, const int at[3], Real t,
-                   Real exit);
+  void march_brick(Traversal& v, int cascade, const Passage& passage);
   int choose_count(bool follow_cache);
 
   const OccupancyGrid& grid_;
