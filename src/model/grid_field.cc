@@ -52,6 +52,9 @@ void GridOptions::check_options() const {
   if (features != 2 && features != 4)
     throw Error(std::to_string(features) + " is neither 2 nor 4", "--grid-features",
                 "give one of them");
+  if (cone_points != 1 && cone_points != kConePoints)
+    throw Error(std::to_string(cone_points) + " is neither 1 nor " + std::to_string(kConePoints),
+                "--grid-cone-points", "give one of them");
   if (sampler.min_samples > sampler.max_samples)
     throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
                     std::to_string(sampler.max_samples),
@@ -178,14 +181,91 @@ void fade_level(const HashGridLevel& level, const Real* spread, int64_t n, Real*
     for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= left[i];
 }
 
+void place_points(const GridField& field, const ConeSample& sample, int64_t stride, Real* x,
+                  Real* y, Real* z, Real* spread) {
+  const Vec3 middle = sample.entry + sample.direction * sample.t;
+  const auto place = [&](int64_t j, const Vec3& p, Real radius, Real distance) {
+    const Vec3 g = field.grid_position(p);
+    x[j * stride] = g.x;
+    y[j * stride] = g.y;
+    z[j * stride] = g.z;
+    if (spread) spread[j * stride] = cone_spread(radius, distance, field.grid_scale(p));
+  };
+  // A sample next to the camera has no cone.
+  if (field.options.cone_points == 1 || !(sample.distance > 0))
+    for (int j = 0; j < field.options.cone_points; ++j)
+      place(j, middle, sample.radius, sample.distance);
+  else {
+    const Vec3& d = sample.direction;
+    const Vec3 aside = std::fabs(d.z) < 0.9_r ? Vec3{0, 0, 1} : Vec3{1, 0, 0};
+    const Vec3 right = normalized(cross(d, aside)), up = cross(d, right);
+    const Real half = std::min(0.5_r * sample.delta, sample.distance);
+    const auto points = cone_points(sample.distance, half, sample.radius, sample.reversed,
+                                    sample.cosine, sample.sine);
+    for (size_t j = 0; j < points.size(); ++j) {
+      const auto& p = points[j];
+      const Vec3 at =
+          middle + d * p.along + right * (p.across * p.cosine) + up * (p.across * p.sine);
+      place(static_cast<int64_t>(j), at, p.across, 1);
+    }
+  }
+}
+
+void encode_level(const GridField& field, size_t l, const GridPoints& points, int64_t n,
+                  Real* features, int64_t ld) {
+  const HashGridLevel& level = field.shape.levels[l];
+  const Real* table = field.table.data() + level.begin();
+  alignas(64) Real one[4 * kChunkSamples];  // of one point of each sample
+  const int64_t padded = round_up(n, kLane);
+  for (int j = 0; j < points.per_sample; ++j) {
+    const int64_t at = j * points.stride;
+    Real* to = j == 0 ? features : one;
+    const int64_t ldt = j == 0 ? ld : kChunkSamples;
+    hash_grid_forward(level, table, points.x + at, points.y + at, points.z + at, n, to, ldt);
+    if (points.spread) fade_level(level, points.spread + at, n, to, ldt);
+    if (j > 0)
+      for (int f = 0; f < level.features; ++f)
+        add_to(n, one + f * kChunkSamples, features + f * ld);
+  }
+  if (points.per_sample == 1) return;
+  const Real share = 1 / static_cast<Real>(points.per_sample);
+  for (int f = 0; f < level.features; ++f)
+    for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= share;
+}
+
+void encode_level_backward(const GridField& field, size_t l, const GridPoints& points, int64_t n,
+                           Real* d_features, int64_t ld, Real* gradient, uint8_t* touched) {
+  const HashGridLevel& level = field.shape.levels[l];
+  if (points.per_sample == 1) {
+    if (points.spread) fade_level(level, points.spread, n, d_features, ld);
+    hash_grid_backward(level, points.x, points.y, points.z, n, d_features, ld, gradient, touched);
+    return;
+  }
+  alignas(64) Real one[4 * kChunkSamples];
+  const Real share = 1 / static_cast<Real>(points.per_sample);
+  const int64_t padded = round_up(n, kLane);
+  for (int f = 0; f < level.features; ++f)
+    for (int64_t i = 0; i < padded; ++i) d_features[f * ld + i] *= share;
+  for (int j = 0; j < points.per_sample; ++j) {
+    const int64_t at = j * points.stride;
+    for (int f = 0; f < level.features; ++f)
+      std::copy_n(d_features + f * ld, padded, one + f * kChunkSamples);
+    if (points.spread) fade_level(level, points.spread + at, n, one, kChunkSamples);
+    hash_grid_backward(level, points.x + at, points.y + at, points.z + at, n, one, kChunkSamples,
+                       gradient, touched);
+  }
+}
+
+void encode(const GridField& field, const GridPoints& points, int64_t n, Real* features,
+            int64_t ld) {
+  for (size_t l = 0; l < field.shape.levels.size(); ++l)
+    encode_level(field, l, points, n,
+                 features + static_cast<int64_t>(l) * field.shape.features_per_entry() * ld, ld);
+}
+
 void encode(const GridField& field, const Real* x, const Real* y, const Real* z, const Real* spread,
             int64_t n, Real* features, int64_t ld) {
-  for (size_t l = 0; l < field.shape.levels.size(); ++l) {
-    const HashGridLevel& level = field.shape.levels[l];
-    Real* to = features + static_cast<int64_t>(l) * level.features * ld;
-    hash_grid_forward(level, field.table.data() + level.begin(), x, y, z, n, to, ld);
-    if (spread) fade_level(level, spread, n, to, ld);
-  }
+  encode(field, {x, y, z, spread}, n, features, ld);
 }
 
 }  // namespace nerf

@@ -24,7 +24,7 @@ struct PixelState {
   double start = 0;          // of the march, from the camera
   Real forward = 1;          // cosine between ray and optical axis
   bool continued = false;    // from the chunk before
-  Real radius = 0;           // of the pixel's cone at distance 1; GridOptions::antialias
+  Real radius = 0;           // of the pixel's cone at distance 1; GridOptions::sees_cones
 };
 
 // The box of the options: its axes are the input's, its unit and origin the engine's.
@@ -61,6 +61,8 @@ class TileRenderer {
         sampler_(field.occupancy, sampler_options(field, options), field.clip) {
     chunk_.weights = shading_.weights = field.weights.data();
     chunk_.packed = shading_.packed = packed;
+    const size_t points = static_cast<size_t>(field.options.cone_points) * kChunkSamples;
+    for (auto* a : {&x_, &y_, &z_, &spread_}) *a = AlignedArray<Real>(points);
     t_.resize(kChunkSamples);
     geometry_sums_.resize(static_cast<size_t>(field.options.geometry_features));
     ray_begin_.resize(kChunkRays + 1);
@@ -129,7 +131,7 @@ class TileRenderer {
     }
     state.start = sampler_.start();
     state.forward = static_cast<Real>(in_camera.z);
-    if (field_.options.antialias)
+    if (field_.options.sees_cones())
       state.radius = static_cast<Real>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
     const Vec3 d = ray.direction.cast<Real>();
     for (int from = 0; from < count;) {
@@ -149,23 +151,28 @@ class TileRenderer {
     }
   }
 
-  Real spread_of(const Vec3& p, Real t, const PixelState& state) const {
-    return cone_spread(state.radius, static_cast<Real>(state.start) + t, field_.grid_scale(p));
-  }
-
   void add_part(const PixelState& state, const Vec3& d, int from, int take, bool last) {
     constexpr int64_t lr = kChunkRays;
     Real* delta = chunk_.data(tape_.delta);
+    ConeSample sample{sampler_.entry(), d};
+    sample.radius = state.radius;
     for (int i = 0; i < take; ++i) {
       const size_t s = static_cast<size_t>(from + i);
-      const Vec3 p = sampler_.entry() + d * samples_.t[s];
-      const Vec3 g = field_.grid_position(p);
       const size_t at = static_cast<size_t>(samples_used_ + i);
-      x_[at] = g.x;
-      y_[at] = g.y;
-      if (field_.options.antialias) spread_[at] = spread_of(p, samples_.t[s], state);
-      z_[at] = g.z;
-      t_[at] = samples_.t[s];
+      sample.t = t_[at] = samples_.t[s];
+      sample.delta = samples_.delta[s];
+      sample.distance = static_cast<Real>(state.start) + sample.t;
+      if (s % 2 == 1) {  // neighbours wind against each other, half a step apart
+        sample.reversed = true;
+        sample.cosine = std::sqrt(3.0_r) / 2;
+        sample.sine = 0.5_r;
+      } else {
+        sample.reversed = false;
+        sample.cosine = 1;
+        sample.sine = 0;
+      }
+      place_points(field_, sample, kChunkSamples, x_.data() + at, y_.data() + at, z_.data() + at,
+                   field_.options.antialias ? spread_.data() + at : nullptr);
       delta[at] = samples_.delta[s];
     }
     Real* directions = chunk_.data(tape_.directions);
@@ -183,15 +190,20 @@ class TileRenderer {
     const int64_t padded = round_up(samples_used_, kLane);
     Real* delta = chunk_.data(tape_.delta);
     for (int64_t i = samples_used_; i < padded; ++i) {
-      x_[static_cast<size_t>(i)] = y_[static_cast<size_t>(i)] = z_[static_cast<size_t>(i)] = 0.5_r;
+      for (int64_t j = 0; j < field_.options.cone_points; ++j) {
+        const size_t at = static_cast<size_t>(j * kChunkSamples + i);
+        x_[at] = y_[at] = z_[at] = 0.5_r;
+        spread_[at] = 0;
+      }
       delta[i] = 0;
     }
     chunk_.samples = samples_used_;
     chunk_.rays = rays_;
     chunk_.ray_begin = ray_begin_.data();
-    encode(field_, x_.data(), y_.data(), z_.data(),
-           field_.options.antialias ? spread_.data() : nullptr, samples_used_,
-           chunk_.data(tape_.features), chunk_.stride(tape_.features));
+    encode(field_,
+           {x_.data(), y_.data(), z_.data(), field_.options.antialias ? spread_.data() : nullptr,
+            field_.options.cone_points, kChunkSamples},
+           samples_used_, chunk_.data(tape_.features), chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
     Real* alphas = alphas_.data();
     opacity(samples_used_, chunk_.data(tape_.density), delta, alphas);
@@ -300,8 +312,7 @@ class TileRenderer {
   Chunk chunk_, shading_;
   RaySampler sampler_;
   RaySamples samples_;
-  AlignedArray<Real> x_{kChunkSamples}, y_{kChunkSamples}, z_{kChunkSamples};
-  AlignedArray<Real> spread_{kChunkSamples};
+  AlignedArray<Real> x_, y_, z_, spread_;  // [GridOptions::cone_points][kChunkSamples]
   AlignedArray<Real> alphas_{kChunkSamples}, weights_{kChunkSamples};
   std::vector<double> geometry_sums_;  // of the ray at hand; GridOptions::colour_per_ray
   std::vector<Real> t_;

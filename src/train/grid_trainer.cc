@@ -42,7 +42,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
            {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0}),
       errors(p, s.train, static_cast<Real>(o.error_guidance)),
       maker(source, errors, field, distortion > 0, t),
-      batch(std::max(1, o.batch_samples / kChunkSamples)) {
+      batch(std::max(1, o.batch_samples / kChunkSamples), o.grid.cone_points) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
   d_features = AlignedArray<Real>(features.size());
@@ -105,6 +105,13 @@ int GridTrainer::pixel_block_at(int64_t step) const {
   return progress < options.coarse_photos / 2 ? 4 : 2;
 }
 
+GridPoints GridTrainer::points_of(int64_t chunk) const {
+  const int64_t at = chunk * batch.points * kChunkSamples;
+  return {batch.x.data() + at, batch.y.data() + at,
+          batch.z.data() + at, field.options.antialias ? batch.spread.data() + at : nullptr,
+          batch.points,        kChunkSamples};
+}
+
 StepReport GridTrainer::step() {
   Lap lap;
   const uint64_t seed = options.seed ^ salt;
@@ -122,19 +129,15 @@ StepReport GridTrainer::step() {
   const int64_t levels_on = levels_at(done);
   pool.parallel_for(level_count * items, [&](int64_t i) {
     const int64_t l = i / items;
-    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    const int64_t rows = field.shape.features_per_entry();
     const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
-    const bool off = l >= levels_on;
     for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
-      const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
-      Real* to = features.data() + (c * level_count + l) * level.features * ld;
-      if (off) {
-        std::fill_n(to, level.features * ld, 0.0_r);
-        continue;
-      }
-      hash_grid_forward(level, field.table.data() + level.begin(), batch.x.data() + at,
-                        batch.y.data() + at, batch.z.data() + at, n, to, ld);
-      if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, to, ld);
+      Real* to = features.data() + (c * level_count + l) * rows * ld;
+      if (l < levels_on)
+        encode_level(field, static_cast<size_t>(l), points_of(c),
+                     batch.samples[static_cast<size_t>(c)], to, ld);
+      else
+        std::fill_n(to, rows * ld, 0.0_r);
     }
   });
   lap.into(profile.encode);
@@ -265,14 +268,11 @@ void GridTrainer::scatter(int64_t levels_on) {
     if (i > levels_on) return observe_errors();
     const int64_t l = levels_on - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
-    for (int64_t c = 0; c < batch.chunks; ++c) {
-      const int64_t at = c * ld, n = batch.samples[static_cast<size_t>(c)];
-      Real* from = d_features.data() + (c * levels + l) * level.features * ld;
-      if (field.options.antialias) fade_level(level, batch.spread.data() + at, n, from, ld);
-      hash_grid_backward(level, batch.x.data() + at, batch.y.data() + at, batch.z.data() + at, n,
-                         from, ld, optimiser.table_gradient.data() + level.begin(),
-                         optimiser.touched.data() + level.offset);
-    }
+    for (int64_t c = 0; c < batch.chunks; ++c)
+      encode_level_backward(
+          field, static_cast<size_t>(l), points_of(c), batch.samples[static_cast<size_t>(c)],
+          d_features.data() + (c * levels + l) * level.features * ld, ld,
+          optimiser.table_gradient.data() + level.begin(), optimiser.touched.data() + level.offset);
   });
 }
 

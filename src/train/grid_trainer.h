@@ -46,6 +46,7 @@ struct GridTrainer final : TrainerImpl {
   Real samples_per_cell_at(int64_t step) const;
   int64_t levels_at(int64_t step) const;
   int pixel_block_at(int64_t step) const;
+  GridPoints points_of(int64_t chunk) const;
   void pack();  // after every change of the networks' weights
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);

@@ -74,7 +74,9 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   // Of a sample: features with their gradient, position, width, cell, density, and once more what
   // its block of rays holds (with a vector's reserve). There may be as many rays as samples, each
   // with a record of some 100 bytes.
-  const uint64_t sample = 2 * features * kFloat + 7 * kFloat + 2 * 6 * kFloat + 12 * kFloat + 100;
+  const uint64_t more_points = static_cast<uint64_t>(o.cone_points - 1) * 4 * (1 + 2) * kFloat;
+  const uint64_t sample =
+      2 * features * kFloat + 7 * kFloat + 2 * 6 * kFloat + 12 * kFloat + 100 + more_points;
   const uint64_t batch = static_cast<uint64_t>(options.batch_samples) * sample;
 
   // Besides the trainer, at different times: a copy of the field with its table in half precision

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <numbers>
 #include <numeric>
 #include <optional>
 
@@ -134,12 +135,9 @@ bool PixelSource::read_block(Pixel& out) const {
   return true;
 }
 
-RayBatch::RayBatch(int max) : max_chunks(max) {
+RayBatch::RayBatch(int max, int points_per_sample) : max_chunks(max), points(points_per_sample) {
   const size_t n = static_cast<size_t>(max) * kChunkSamples;
-  x = AlignedArray<Real>(n);
-  y = AlignedArray<Real>(n);
-  z = AlignedArray<Real>(n);
-  spread = AlignedArray<Real>(n);
+  for (auto* a : {&x, &y, &z, &spread}) *a = AlignedArray<Real>(n * static_cast<size_t>(points));
   delta = AlignedArray<Real>(n);
   middle = AlignedArray<Real>(n);
   width = AlignedArray<Real>(n);
@@ -199,29 +197,36 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
       record.squared_error += e * e;
     }
     const bool follow_cache = random.uniform() >= kUncachedShare;
-    record.block_begin = static_cast<int>(block.x.size());
+    record.block_begin = static_cast<int>(block.delta.size());
     record.count = sampler.sample(pixel.ray, &random, follow_cache, samples);
     const Vec3 d = pixel.ray.direction.cast<Real>();
-    const Real radius =
-        field_.options.antialias
-            ? static_cast<Real>(pixel.width * pixel_cone_radius(*pixel.camera, pixel.centre()))
-            : 0.0_r;
-    for (int s = 0; s < record.count; ++s) {
-      const Vec3 p = sampler.entry() + d * samples.t[static_cast<size_t>(s)];
-      const Vec3 g = field_.grid_position(p);
-      block.x.push_back(g.x);
-      block.y.push_back(g.y);
-      block.z.push_back(g.z);
-      const Real distance = static_cast<Real>(sampler.start()) + samples.t[static_cast<size_t>(s)];
-      if (intervals_) {
-        const Real inverse = 1 / (1 + distance);
-        block.middle.push_back(1 - inverse);
-        block.width.push_back(samples.delta[static_cast<size_t>(s)] * inverse * inverse);
+    ConeSample sample{sampler.entry(), d};
+    if (field_.options.sees_cones())
+      sample.radius =
+          static_cast<Real>(pixel.width * pixel_cone_radius(*pixel.camera, pixel.centre()));
+    const size_t points = static_cast<size_t>(field_.options.cone_points);
+    size_t at = block.x.size();
+    for (auto* v : {&block.x, &block.y, &block.z, &block.spread})
+      v->resize(at + points * static_cast<size_t>(record.count));
+    for (int s = 0; s < record.count; ++s, at += points) {
+      sample.t = samples.t[static_cast<size_t>(s)];
+      sample.delta = samples.delta[static_cast<size_t>(s)];
+      sample.distance = static_cast<Real>(sampler.start()) + sample.t;
+      if (points > 1) {
+        const Real turn = 2 * std::numbers::pi_v<Real> * random.uniform();
+        sample.cosine = std::cos(turn);
+        sample.sine = std::sin(turn);
+        sample.reversed = random.uniform() < 0.5_r;
       }
-      if (field_.options.antialias)
-        block.spread.push_back(radius > 0 ? cone_spread(radius, distance, field_.grid_scale(p))
-                                          : 0.0_r);
-      block.delta.push_back(samples.delta[static_cast<size_t>(s)]);
+      place_points(field_, sample, 1, block.x.data() + at, block.y.data() + at, block.z.data() + at,
+                   field_.options.antialias ? block.spread.data() + at : nullptr);
+      const Vec3 p = sample.entry + d * sample.t;
+      if (intervals_) {
+        const Real inverse = 1 / (1 + sample.distance);
+        block.middle.push_back(1 - inverse);
+        block.width.push_back(sample.delta * inverse * inverse);
+      }
+      block.delta.push_back(sample.delta);
       const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
       block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
                                                 field_.occupancy.cell_of(p, cascade)));
@@ -237,10 +242,19 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     const auto copy = [&](const auto& from, auto& array) {
       std::copy_n(from.begin() + r.block_begin, r.count, array.begin() + to);
     };
-    copy(block.x, batch.x);
-    copy(block.y, batch.y);
-    copy(block.z, batch.z);
-    if (field_.options.antialias) copy(block.spread, batch.spread);
+    // From the points of a sample side by side to those of a chunk's samples.
+    const size_t points = static_cast<size_t>(batch.points);
+    const size_t first = static_cast<size_t>(r.chunk) * points * kChunkSamples;
+    const auto copy_points = [&](const auto& from, auto& array) {
+      for (size_t j = 0; j < points; ++j)
+        for (size_t s = 0; s < static_cast<size_t>(r.count); ++s)
+          array[first + j * kChunkSamples + static_cast<size_t>(r.offset) + s] =
+              from[(static_cast<size_t>(r.block_begin) + s) * points + j];
+    };
+    copy_points(block.x, batch.x);
+    copy_points(block.y, batch.y);
+    copy_points(block.z, batch.z);
+    if (field_.options.antialias) copy_points(block.spread, batch.spread);
     if (intervals_) {
       copy(block.middle, batch.middle);
       copy(block.width, batch.width);
@@ -314,15 +328,19 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
     const size_t at = static_cast<size_t>(c) * kChunkSamples;
     const size_t used = static_cast<size_t>(batch.samples[static_cast<size_t>(c)]);
     const size_t padded = static_cast<size_t>(round_up(static_cast<int64_t>(used), kLane));
-    for (size_t s = at + used; s < at + padded; ++s) {
-      batch.x[s] = batch.y[s] = batch.z[s] = 0.5_r;
-      batch.spread[s] = batch.delta[s] = 0;
+    std::fill(batch.delta.begin() + at + used, batch.delta.begin() + at + padded, 0.0_r);
+    for (size_t j = 0; j < static_cast<size_t>(batch.points); ++j) {
+      const size_t from = at * static_cast<size_t>(batch.points) + j * kChunkSamples;
+      for (size_t s = from + used; s < from + padded; ++s) {
+        batch.x[s] = batch.y[s] = batch.z[s] = 0.5_r;
+        batch.spread[s] = 0;
+      }
+      if (field_.options.antialias)
+        for (size_t s = from; s < from + used; ++s) spread += static_cast<double>(batch.spread[s]);
     }
-    if (field_.options.antialias)
-      for (size_t s = at; s < at + used; ++s) spread += static_cast<double>(batch.spread[s]);
   }
-  batch.mean_spread =
-      static_cast<Real>(spread / static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
+  const int64_t points = batch.total_samples * batch.points;
+  batch.mean_spread = static_cast<Real>(spread / static_cast<double>(std::max<int64_t>(points, 1)));
 }
 
 }  // namespace nerf

@@ -73,12 +73,14 @@ class PixelSource {
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,
 // ...).
 struct RayBatch {
-  explicit RayBatch(int max_chunks);
+  RayBatch(int max_chunks, int points_per_sample);
 
   int max_chunks;
+  int points;  // of each sample, GridOptions::cone_points
   int chunks = 0;
-  AlignedArray<Real> x, y, z;  // grid coordinates, [0, 1]
-  AlignedArray<Real> spread;   // of the pixel's cone, see cone_spread(); GridOptions::antialias
+  // Of points, [chunk][points][kChunkSamples]: grid coordinates, [0, 1], and how wide the pixel's
+  // cone is, see cone_spread() (GridOptions::antialias).
+  AlignedArray<Real> x, y, z, spread;
   AlignedArray<Real> delta;
   // Of the samples' intervals in inverse distance, 1 - 1 / (1 + engine units from the camera):
   // [0, 1]. For losses on weights only.

@@ -32,7 +32,7 @@ double distortion_weight(const TrainOptions& options, const Scene& scene) {
 }
 
 bool learns_from_reduced_photos(const TrainOptions& options) {
-  return options.method != kGridMethod || options.grid.antialias;
+  return options.method != kGridMethod || options.grid.sees_cones();
 }
 
 double TrainerImpl::progress_at(int64_t step) const {

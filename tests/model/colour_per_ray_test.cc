@@ -1,13 +1,13 @@
-// Colours found once for a ray, GridOptions::colour_per_ray: the training tape against the
-// templates, pictures against sums in double over the same samples.
+// Colours found once for a ray, GridOptions::colour_per_ray: pictures against sums in double over
+// the same samples. The training tape is tested in grid_field_test.cc.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <utility>
 #include <vector>
 
-#include "autodiff/reference_ops.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
@@ -15,8 +15,6 @@
 
 namespace nerf {
 namespace {
-
-using namespace gradient_check;
 
 GridOptions small_options() {
   GridOptions o;
@@ -30,44 +28,6 @@ GridOptions small_options() {
   o.geometry_features = 5;
   o.colour_per_ray = true;
   return o;
-}
-
-TEST(ColourPerRay, GradientOfTheWholeModel) {
-  for (const bool on_weights : {false, true}) {
-    const GridField field(small_options(), false, 1);
-    const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1_r, .on_weights = on_weights});
-    TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
-    test.specs = {{field.shape.features(), Domain::kSamples, true},
-                  {3, Domain::kRays, false, -1, 1, /*unit=*/true},
-                  {1, Domain::kSamples, false, 0.01, 0.4},
-                  {3, Domain::kRays, false, 0, 1},
-                  {3, Domain::kRays, false, 0, 1},
-                  {1, Domain::kRays, false, 0.01, 0.1}};
-    test.inputs = {tape.features,   tape.directions, tape.delta,
-                   tape.background, tape.target,     tape.scale};
-    if (on_weights) {  // nothing is added
-      test.specs.push_back({1, Domain::kSamples, false, 0, 0});
-      test.inputs.push_back(tape.weight_gradient);
-    }
-    test.layers = field.layers();
-    // Sums over 21 inputs and widths of 16 there and back, and over the samples.
-    test.roundings = 2 * (8 + 16 + 21 + 16) + 60;
-    check_gradients(
-        on_weights ? "colour_per_ray_on_weights" : "colour_per_ray", test,
-        [&]<class T>(const Given<T>& v) -> Outputs<T> {
-          const auto h = on_columns::mlp(v[0], v.weights, field.density_layers);
-          const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
-          const auto w = on_columns::render_weights(density, v[2], v.rays, false);
-          const auto sums = on_columns::sum_along_rays(w, h, v.rays);
-          const auto colour = on_columns::sigmoid(
-              on_columns::mlp(on_columns::concat(on_columns::slice(sums, 0, 5),
-                                                 on_columns::view_code_of_rays(v[1])),
-                              v.weights, field.colour_layers));
-          const auto pixel = on_columns::over(colour, on_columns::slice(sums, 5, 1), v[3]);
-          return {on_columns::huber_loss(pixel, v[4], v[5], static_cast<double>(0.1_r))};
-        },
-        {{0}, {0, 0, 7, 8, 19}});
-  }
 }
 
 // A field of random content whose cells are all occupied: with four samples in each of them most

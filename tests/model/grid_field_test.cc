@@ -30,9 +30,15 @@ GridOptions small_options(int density_layers, int colour_layers) {
 
 // The whole model from features to the loss: its values, and its gradients by features and weights.
 TEST(GridTape, GradientOfTheWholeModel) {
-  for (const auto& [density_layers, colour_layers, on_weights] :
-       {std::tuple{1, 1, false}, {2, 2, false}, {1, 1, true}}) {
-    const GridField field(small_options(density_layers, colour_layers), false, 1);
+  for (const auto& [density_layers, colour_layers, on_weights, per_ray] :
+       {std::tuple{1, 1, false, false},
+        {2, 2, false, false},
+        {1, 1, true, false},
+        {1, 2, false, true},
+        {1, 1, true, true}}) {
+    GridOptions options = small_options(density_layers, colour_layers);
+    options.colour_per_ray = per_ray;
+    const GridField field(options, false, 1);
     const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1_r, .on_weights = on_weights});
     TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
     test.specs = {{field.shape.features(), Domain::kSamples, true},
@@ -56,10 +62,22 @@ TEST(GridTape, GradientOfTheWholeModel) {
         [&]<class T>(const Given<T>& v) -> Outputs<T> {
           const auto h = on_columns::mlp(v[0], v.weights, field.density_layers);
           const auto density = on_columns::truncated_exp(on_columns::slice(h, 0, 1));
-          const auto code = on_columns::view_code(v[1], v.rays);
-          const auto colour = on_columns::sigmoid(
-              on_columns::mlp(on_columns::concat(h, code), v.weights, field.colour_layers));
-          const auto pixel = on_columns::composite(density, colour, v[2], v[3], v.rays).first;
+          const auto colour_of = [&](const Columns<T>& features, const Columns<T>& code) {
+            return on_columns::sigmoid(on_columns::mlp(on_columns::concat(features, code),
+                                                       v.weights, field.colour_layers));
+          };
+          Columns<T> pixel;
+          if (per_ray) {
+            const auto w = on_columns::render_weights(density, v[2], v.rays, false);
+            const auto sums = on_columns::sum_along_rays(w, h, v.rays);
+            const auto colour = colour_of(on_columns::slice(sums, 0, options.geometry_features),
+                                          on_columns::view_code_of_rays(v[1]));
+            pixel = on_columns::over(colour, on_columns::slice(sums, options.geometry_features, 1),
+                                     v[3]);
+          } else {
+            const auto colour = colour_of(h, on_columns::view_code(v[1], v.rays));
+            pixel = on_columns::composite(density, colour, v[2], v[3], v.rays).first;
+          }
           return {on_columns::huber_loss(pixel, v[4], v[5], static_cast<double>(0.1_r))};
         },
         {{0}, {0, 0, 7, 8, 19}});
@@ -176,6 +194,80 @@ TEST(GridField, WideConesFadeFineResolutions) {
     }
     EXPECT_EQ(after.at(0, 0), before.at(0, 0));
     EXPECT_LT(last, 0.15_r);
+  }
+}
+
+// Six points of a cone: features are the mean of what each would have alone, and the gradient is
+// the adjoint of that.
+TEST(GridField, FeaturesOfAConeAreMeans) {
+  for (const bool antialias : {false, true}) {
+    GridOptions options = small_options(1, 1);
+    options.antialias = antialias;
+    options.cone_points = kConePoints;
+    GridField field(options, /*unbounded=*/true, 1);
+    field.initialise(5);
+    for (Real& v : field.table) v *= 1e4_r;
+    constexpr int kSamples = 37;
+    constexpr int64_t kStride = 48;
+    AlignedArray<Real> x(kConePoints * kStride), y(x.size()), z(x.size()), spread(x.size());
+    Random random(95, 0, 0);
+    ConeSample sample{{0.3_r, -0.5_r, 0.2_r}, normalized(Vec3{0.5_r, 0.6_r, -0.7_r})};
+    sample.radius = 0.02_r;
+    for (int i = 0; i < kSamples; ++i) {
+      sample.t = 3 * random.uniform();
+      sample.delta = 0.3_r;
+      sample.distance = sample.t + 1;
+      sample.reversed = i % 2 == 1;
+      const size_t at = static_cast<size_t>(i);
+      place_points(field, sample, kStride, &x[at], &y[at], &z[at], &spread[at]);
+    }
+    const GridPoints points{x.data(),    y.data(), z.data(), antialias ? spread.data() : nullptr,
+                            kConePoints, kStride};
+    Matrix got(field.shape.features(), kSamples);
+    encode(field, points, kSamples, got.data.data(), got.ld);
+    std::vector<Matrix> alone;
+    for (int64_t j = 0; j < kConePoints; ++j) {
+      alone.emplace_back(field.shape.features(), kSamples);
+      const int64_t at = j * kStride;
+      encode(field, x.data() + at, y.data() + at, z.data() + at,
+             antialias ? spread.data() + at : nullptr, kSamples, alone.back().data.data(), got.ld);
+    }
+    double difference = 0;
+    for (int f = 0; f < field.shape.features(); ++f)
+      for (int i = 0; i < kSamples; ++i) {
+        double mean = 0, size = 0;
+        for (const Matrix& m : alone) {
+          mean += static_cast<double>(m.at(f, i)) / kConePoints;
+          size += std::fabs(static_cast<double>(m.at(f, i))) / kConePoints;
+        }
+        EXPECT_NEAR(got.at(f, i), mean, 8 * kRoundoff * size);
+        difference = std::max(difference, std::fabs(mean - static_cast<double>(alone[0].at(f, i))));
+      }
+    EXPECT_GT(difference, 0.1);  // the points are not one
+
+    // <gradient by features, features> = <gradient by rows, rows>.
+    const Matrix gradient(field.shape.features(), kSamples, random, -1, 1, Matrix::Padding::kZero);
+    AlignedArray<Real> of_rows(field.table.size());
+    AlignedArray<uint8_t> touched(field.shape.rows);
+    double by_features = 0, by_rows = 0, size = 0;
+    for (int f = 0; f < field.shape.features(); ++f)
+      for (int i = 0; i < kSamples; ++i) {
+        const double product =
+            static_cast<double>(gradient.at(f, i)) * static_cast<double>(got.at(f, i));
+        by_features += product;
+        size += std::fabs(product);
+      }
+    Matrix changed = gradient;
+    for (size_t l = 0; l < field.shape.levels.size(); ++l) {
+      const HashGridLevel& level = field.shape.levels[l];
+      encode_level_backward(field, l, points, kSamples,
+                            changed.data.data() + static_cast<int64_t>(l) * level.features * got.ld,
+                            got.ld, of_rows.data() + level.begin(), touched.data() + level.offset);
+    }
+    for (size_t i = 0; i < of_rows.size(); ++i)
+      by_rows += static_cast<double>(of_rows[i]) * static_cast<double>(field.table[i]);
+    EXPECT_NEAR(by_rows, by_features, 100 * kRoundoff * size);
+    EXPECT_GT(size, 10);
   }
 }
 

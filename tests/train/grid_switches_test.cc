@@ -68,6 +68,7 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.uniform_share = 0.1_r; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.sampler.min_transmittance = 0.5_r; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.antialias = true; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.cone_points = 6; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.features = 2; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.colour_per_ray = true; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.late_levels = 0.5; }));

@@ -16,6 +16,7 @@
 #include "nerf/base/real.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/hash_grid.h"
+#include "nerf/math/cone_points.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
 
@@ -33,6 +34,7 @@ struct GridOptions {
   int geometry_features = 16;
   int occupancy_side = 0;
   bool antialias = false;
+  int cone_points = 1;
   bool colour_per_ray = false;
   SamplerOptions sampler;
 
@@ -61,6 +63,9 @@ struct GridOptions {
     v("antialias", antialias,
       "fades resolutions out that a pixel's cone is wider than, so that one model fits pictures of "
       "several sizes (see --scales)");
+    v("cone_points", cone_points,
+      "points of a pixel's cone whose features a sample takes the mean of, 1 or 6", at_least(1),
+      at_most(kConePoints));
     v("colour_per_ray", colour_per_ray,
       "asks the colour network once for a ray, for the sum of its samples' features, instead of "
       "for "
@@ -79,6 +84,8 @@ struct GridOptions {
       "a ray's march stops where the cached density lets less light through (0: never)",
       at_least(0), at_most(1));
   }
+  // Whether a sample depends on how wide its pixel is.
+  bool sees_cones() const { return antialias || cone_points > 1; }
   // Throws Error for combinations that cannot be.
   void check_options() const;
 };
@@ -163,6 +170,43 @@ inline Real cone_spread(Real radius, Real distance, Real scale) {
 // the authors' code.
 void fade_level(const HashGridLevel& level, const Real* spread, int64_t n, Real* features,
                 int64_t ld);
+
+// A sample of a pixel's ray: the stretch of `delta` around entry + t direction (engine coordinates,
+// direction of unit length) that it stands for.
+struct ConeSample {
+  Vec3 entry, direction;
+  Real t = 0, delta = 0;
+  Real distance = 0;  // of the place from the camera
+  Real radius = 0;    // of the pixel's cone at distance 1
+  bool reversed = false;
+  Real cosine = 1, sine = 0;  // of the angle that its points are turned by; see cone_points()
+};
+
+// The points at which the field looks a sample up, GridOptions::cone_points of them: grid
+// coordinates and spreads, each `stride` behind the one before.
+void place_points(const GridField& field, const ConeSample& sample, int64_t stride, Real* x,
+                  Real* y, Real* z, Real* spread);
+
+// Points of a chunk's samples: the j-th of sample s at [j * stride + s]. `spread` may be null (0
+// everywhere). All are read up to the next multiple of kLane samples.
+struct GridPoints {
+  const Real *x, *y, *z, *spread;
+  int per_sample = 1;
+  int64_t stride = 0;
+};
+
+// Features [F x ld] of one level: the mean over each sample's points of what is looked up there and
+// fades with its spread.
+void encode_level(const GridField& field, size_t level, const GridPoints& points, int64_t n,
+                  Real* features, int64_t ld);
+// Adds the gradient of these features to that of the level's rows (hash_grid_backward).
+// d_features is changed.
+void encode_level_backward(const GridField& field, size_t level, const GridPoints& points,
+                           int64_t n, Real* d_features, int64_t ld, Real* gradient,
+                           uint8_t* touched);
+// All levels: features [F L x ld].
+void encode(const GridField& field, const GridPoints& points, int64_t n, Real* features,
+            int64_t ld);
 
 // Encodes a chunk's positions (grid coordinates) at every level: features [F L x ld]. x, y, z and
 // spread, which may be null (0 everywhere), are read up to the next multiple of kLane.
