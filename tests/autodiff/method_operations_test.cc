@@ -197,7 +197,7 @@ TEST(Gradient, SumAlongRays) {
          [](Tape& t, const Values& v) { return Values{sum_along_rays(t, v[0], v[1])}; },
          300},
         []<class T>(const Given<T>& v) -> Outputs<T> {
-          return {on_columns::sum_along_rays(v[0], v[1], v.rays)};
+          return {on_columns::sum_along_rays(v[0], v[1], v.rays, 5)};
         });
 }
 
@@ -234,7 +234,7 @@ TEST(Gradient, SumsAlongRaysWithOtherReaders) {
                   []<class T>(const Given<T>& v) -> Outputs<T> {
                     const auto w = on_columns::render_weights(on_columns::softplus(v[0], -1), v[2],
                                                               v.rays, false);
-                    const auto sums = on_columns::sum_along_rays(w, v[1], v.rays);
+                    const auto sums = on_columns::sum_along_rays(w, v[1], v.rays, 4);
                     const auto colour = on_columns::slice(sums, 0, 3);
                     const auto opacity = on_columns::slice(sums, 4, 1);
                     return {on_columns::over(colour, opacity, v[3]), colour, opacity, w, v[1]};

@@ -216,10 +216,11 @@ Columns<T> accumulate(const Columns<T>& weights, const Columns<T>& colour,
   return out;
 }
 
+// x has `rows` rows, also where there is no sample to tell.
 template <class T>
-Columns<T> sum_along_rays(const Columns<T>& weights, const Columns<T>& x, const Rays& rays) {
+Columns<T> sum_along_rays(const Columns<T>& weights, const Columns<T>& x, const Rays& rays,
+                          size_t rows) {
   Columns<T> out;
-  const size_t rows = x.empty() ? 0 : x[0].size();
   for (size_t r = 0; r + 1 < rays.size(); ++r) {
     std::vector<T> sum(rows + 1);
     for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {

@@ -69,7 +69,8 @@ TEST(GridTape, GradientOfTheWholeModel) {
           Columns<T> pixel;
           if (per_ray) {
             const auto w = on_columns::render_weights(density, v[2], v.rays, false);
-            const auto sums = on_columns::sum_along_rays(w, h, v.rays);
+            const auto sums = on_columns::sum_along_rays(
+                w, h, v.rays, static_cast<size_t>(options.geometry_features));
             const auto colour = colour_of(on_columns::slice(sums, 0, options.geometry_features),
                                           on_columns::view_code_of_rays(v[1]));
             pixel = on_columns::over(colour, on_columns::slice(sums, options.geometry_features, 1),
