@@ -206,8 +206,9 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
           static_cast<Real>(pixel.width * pixel_cone_radius(*pixel.camera, pixel.centre()));
     const size_t points = static_cast<size_t>(field_.options.cone_points);
     size_t at = block.x.size();
-    for (auto* v : {&block.x, &block.y, &block.z, &block.spread})
-      v->resize(at + points * static_cast<size_t>(record.count));
+    const size_t end = at + points * static_cast<size_t>(record.count);
+    for (auto* v : {&block.x, &block.y, &block.z}) v->resize(end);
+    if (field_.options.antialias) block.spread.resize(end);
     for (int s = 0; s < record.count; ++s, at += points) {
       sample.t = samples.t[static_cast<size_t>(s)];
       sample.delta = samples.delta[static_cast<size_t>(s)];

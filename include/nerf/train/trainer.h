@@ -42,9 +42,9 @@ struct TrainOptions {
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
   double network_l2 = 1e-6;
-  double early_samples = 0.2;  // of the first steps, as a share of samples_per_cell
-  double late_levels = 0;      // see visit_options
-  double coarse_photos = 0;
+  double early_samples = 0.2;         // of the first steps, as a share of samples_per_cell
+  double late_levels = 0;             // share of the rate's fall until all resolutions are on
+  double coarse_photos = 0;           // share of the rate's fall until pixels are single ones
   double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
   double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
   GridOptions grid;
