@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "model/small_grid.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
@@ -16,16 +17,8 @@
 namespace nerf {
 namespace {
 
-GridOptions small_options() {
-  GridOptions o;
-  o.levels = 2;
-  o.log2_entries = 8;
-  o.occupancy_side = 64;
-  o.base_resolution = 4;
-  o.finest_resolution = 16;
-  o.hidden = 16;
-  o.colour_layers = 1;
-  o.geometry_features = 5;
+GridOptions per_ray_options() {
+  GridOptions o = test::small_options(1, 1);
   o.colour_per_ray = true;
   return o;
 }
@@ -33,7 +26,7 @@ GridOptions small_options() {
 // A field of random content whose cells are all occupied: with four samples in each of them most
 // rays need more than one chunk.
 std::shared_ptr<GridField> random_field() {
-  auto grid = std::make_shared<GridField>(small_options(), /*unbounded=*/false, 1);
+  auto grid = std::make_shared<GridField>(per_ray_options(), /*unbounded=*/false, 1);
   grid->initialise(7);
   for (Real& v : grid->table) v *= 1e4_r;
   grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 20));

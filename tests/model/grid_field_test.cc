@@ -8,25 +8,14 @@
 #include <vector>
 
 #include "autodiff/reference_ops.h"
+#include "model/small_grid.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/reference/hash_grid.h"
 
 namespace nerf {
 namespace {
 
-GridOptions small_options(int density_layers, int colour_layers) {
-  GridOptions o;
-  o.levels = 2;
-  o.log2_entries = 8;
-  o.occupancy_side = 64;
-  o.base_resolution = 4;
-  o.finest_resolution = 16;
-  o.hidden = 16;
-  o.density_layers = density_layers;
-  o.colour_layers = colour_layers;
-  o.geometry_features = 5;
-  return o;
-}
+using test::small_options;
 
 // The whole model from features to the loss: its values, and its gradients by features and weights.
 TEST(GridTape, GradientOfTheWholeModel) {
