@@ -59,9 +59,6 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  if (command.bbox && !field.is_grid())
-    throw Error("a model of the method " + field.info().method + " is drawn whole", "--bbox",
-                "leave it out; models of the grid method can be cut");
   const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes());
   for (const std::string& note : plan.notes) log_warning(note);
   if (!command.mp4.empty()) check_video(command.mp4);

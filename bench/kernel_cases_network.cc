@@ -31,20 +31,21 @@ struct LayerArrays {
         dx(x.size()),
         w(noise(static_cast<size_t>(weight_stride(in) * out), 3)),
         dw(w.size()),
-        packed(static_cast<size_t>(packed_layer_size(in, out))) {}
-  AlignedArray<Real> x, y, dx, w, dw;
-  AlignedArray<uint16_t> packed;  // of bf16 runs
+        pack(static_cast<size_t>(linear_pack_size(in, out))),
+        pack_bf16(static_cast<size_t>(packed_layer_size(in, out))) {}
+  AlignedArray<Real> x, y, dx, w, dw, pack;
+  AlignedArray<uint16_t> pack_bf16;
 };
 
 using LayerKernel = void (*)(int in, int out, LayerArrays& a);
 
 void forward(int in, int out, LayerArrays& a) {
   linear_forward(in, out, a.w.data(), nullptr, a.x.data(), a.y.data(), kChunkSamples, kChunkSamples,
-                 LinearActivation::kRelu);
+                 LinearActivation::kRelu, a.pack.data());
 }
 void backward_input(int in, int out, LayerArrays& a) {
   linear_backward_input(in, out, a.w.data(), a.y.data(), a.dx.data(), kChunkSamples, kChunkSamples,
-                        a.x.data());
+                        a.x.data(), a.pack.data());
 }
 void backward_weights(int in, int out, LayerArrays& a) {
   linear_backward_weights(in, out, a.y.data(), a.x.data(), kChunkSamples, kChunkSamples,
@@ -52,11 +53,11 @@ void backward_weights(int in, int out, LayerArrays& a) {
 }
 
 void forward_bf16(int in, int out, LayerArrays& a) {
-  linear_forward_bf16(in, out, a.packed.data(), nullptr, a.x.data(), a.y.data(), kChunkSamples,
+  linear_forward_bf16(in, out, a.pack_bf16.data(), nullptr, a.x.data(), a.y.data(), kChunkSamples,
                       kChunkSamples, LinearActivation::kRelu);
 }
 void backward_input_bf16(int in, int out, LayerArrays& a) {
-  linear_backward_input_bf16(in, out, a.packed.data(), a.y.data(), a.dx.data(), kChunkSamples,
+  linear_backward_input_bf16(in, out, a.pack_bf16.data(), a.y.data(), a.dx.data(), kChunkSamples,
                              kChunkSamples, a.x.data());
 }
 void backward_weights_bf16(int in, int out, LayerArrays& a) {
@@ -68,8 +69,11 @@ KernelRun layer_run(int in, int out, int threads, Precision precision, LayerKern
   auto arrays = std::make_shared<std::vector<LayerArrays>>();
   for (int i = 0; i < threads; ++i) {
     arrays->emplace_back(in, out);
+    LayerArrays& own = arrays->back();
     if (precision == Precision::kBf16)
-      pack_layer(in, out, arrays->back().w.data(), arrays->back().packed.data());
+      pack_layer(in, out, own.w.data(), own.pack_bf16.data());
+    else
+      linear_pack(in, out, own.w.data(), own.pack.data());
   }
   const int64_t chunks = kLayerSamples / kChunkSamples;
   KernelRun run;
@@ -118,6 +122,7 @@ class Network {
       chunks_.push_back(std::make_unique<Chunk>(tape_));
       gradients_.emplace_back(size);
       chunks_.back()->weights = weights_.data();
+      chunks_.back()->packs = &packs_;
       chunks_.back()->weight_gradient = gradients_.back().data();
     }
   }
@@ -129,10 +134,7 @@ class Network {
   }
 
   void run(ThreadPool& pool) {
-    if (precision_ == Precision::kBf16) {
-      pack_layers(layers_, weights_.data(), packed_, pool);
-      for (const auto& chunk : chunks_) chunk->packed = packed_.data();
-    }
+    pack_layers(layers_, weights_.data(), precision_, packs_, pool);
     pool.parallel_for_thread(chunks_of(samples_), [&](int64_t c, int thread) {
       Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
       chunk.samples =
@@ -157,7 +159,7 @@ class Network {
   std::vector<LinearWeights> layers_;
   Value input_ = 0, output_ = 0;
   AlignedArray<Real> weights_, features_, d_features_, d_output_;
-  AlignedArray<uint16_t> packed_;
+  LayerPacks packs_;
   std::vector<std::unique_ptr<Chunk>> chunks_;
   std::vector<AlignedArray<Real>> gradients_;
 };
@@ -202,7 +204,8 @@ std::vector<KernelCase> network_cases() {
     int log2_samples;
   } networks[] = {{"32-64-64-16", {32, 64, 64, 16}, 18},
                   {"32-64-64-64-3", {32, 64, 64, 64, 3}, 18},
-                  {"63-256x8-4", {63, 256, 256, 256, 256, 256, 256, 256, 256, 4}, 14}};
+                  {"63-256x8-4", {63, 256, 256, 256, 256, 256, 256, 256, 256, 4}, 14},
+                  {"504-1024x4-4", {504, 1024, 1024, 1024, 1024, 4}, 12}};
   for (const auto& n : networks)
     for (const bool backward : {false, true}) {
       const auto make = [=](Precision precision) {

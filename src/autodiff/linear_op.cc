@@ -19,12 +19,12 @@ class Linear : public Operation {
   void forward(Chunk& c) const override {
     const Value x = inputs()[0];
     const Real* bias = w_.bias ? c.weights + w_.bias_offset() : nullptr;
-    if (c.packed)
-      linear_forward_bf16(w_.in, w_.out, c.packed + w_.packed, bias, c.data(x), c.data(output()),
-                          c.stride(x), c.count(x), activation_);
+    if (const uint16_t* packed = bf16_pack(c))
+      linear_forward_bf16(w_.in, w_.out, packed, bias, c.data(x), c.data(output()), c.stride(x),
+                          c.count(x), activation_);
     else
       linear_forward(w_.in, w_.out, c.weights + w_.offset, bias, c.data(x), c.data(output()),
-                     c.stride(x), c.count(x), activation_);
+                     c.stride(x), c.count(x), activation_, f32_pack(c));
   }
 
   void backward(Chunk& c) const override {
@@ -36,7 +36,8 @@ class Linear : public Operation {
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
     Real* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;
-    (c.packed ? linear_backward_weights_bf16 : linear_backward_weights)(
+    const uint16_t* packed = bf16_pack(c);
+    (packed ? linear_backward_weights_bf16 : linear_backward_weights)(
         w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset, dbias);
     if (!c.tape->needs_gradient(x)) return;
 
@@ -45,10 +46,11 @@ class Linear : public Operation {
         maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
     const Real* relu_output = mask ? c.data(x) : nullptr;
     Real* dx = overwrites(0) ? c.gradient(x) : c.arena.data() + c.tape->scratch_offset();
-    if (c.packed)
-      linear_backward_input_bf16(w_.in, w_.out, c.packed + w_.packed, dy, dx, ld, n, relu_output);
+    if (packed)
+      linear_backward_input_bf16(w_.in, w_.out, packed, dy, dx, ld, n, relu_output);
     else
-      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n, relu_output);
+      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n, relu_output,
+                            f32_pack(c));
     if (!overwrites(0))
       for (int r = 0; r < w_.in; ++r) add_to(n, dx + r * ld, c.gradient(x) + r * ld);
   }
@@ -58,33 +60,19 @@ class Linear : public Operation {
     return dynamic_cast<const Linear*>(c.tape->only_consumer(output())) != nullptr;
   }
 
+  const uint16_t* bf16_pack(const Chunk& c) const {
+    return c.packs && c.packs->bf16.size() > 0 ? c.packs->bf16.data() + w_.packed_bf16 : nullptr;
+  }
+  const Real* f32_pack(const Chunk& c) const {
+    const bool packed = c.packs && linear_pack_size(w_.in, w_.out) > 0;
+    return packed ? c.packs->f32.data() + w_.packed : nullptr;
+  }
+
   LinearWeights w_;
   LinearActivation activation_;
 };
 
 }  // namespace
-
-void place_packs(std::span<LinearWeights* const> layers) {
-  size_t at = 0;
-  for (LinearWeights* w : layers) {
-    w->packed = at;
-    at += static_cast<size_t>(packed_layer_size(w->in, w->out));
-  }
-}
-
-void pack_layers(std::span<const LinearWeights> layers, const Real* weights,
-                 AlignedArray<uint16_t>& packed, ThreadPool& pool) {
-  if (packed.size() == 0) {
-    size_t size = 0;
-    for (const LinearWeights& w : layers)
-      size = std::max(size, w.packed + static_cast<size_t>(packed_layer_size(w.in, w.out)));
-    packed = AlignedArray<uint16_t>(size);
-  }
-  pool.parallel_for(static_cast<int64_t>(layers.size()), [&](int64_t i) {
-    const LinearWeights& w = layers[static_cast<size_t>(i)];
-    pack_layer(w.in, w.out, weights + w.offset, packed.data() + w.packed);
-  });
-}
 
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation) {
   NERF_CHECK_EQ(tape.rows(x), w.in);

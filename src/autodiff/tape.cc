@@ -68,8 +68,10 @@ Real* Chunk::gradient(Value v) {
 int64_t Chunk::stride(Value v) const { return tape->capacity(tape->domain(v)); }
 int64_t Chunk::count(Value v) const { return tape->domain(v) == Domain::kSamples ? samples : rays; }
 
+// Rows an even number of cache lines apart would share a few of a cache's sets, where those of one
+// strip of samples drive each other out.
 Tape::Tape(int sample_capacity, int ray_capacity)
-    : samples_(static_cast<int>(round_up(sample_capacity, kLane))),
+    : samples_(static_cast<int>((round_up(sample_capacity, kLane) / kLane | 1) * kLane)),
       rays_(static_cast<int>(round_up(ray_capacity, kLane))) {}
 
 Value Tape::input(int rows, Domain domain, bool gradient) {

@@ -1,6 +1,6 @@
 // What the kernels of linear layers share on each target: the size of their register blocks.
-// Highway's pattern for headers that are compiled once per target; without functions, which alone
-// would need its attributes.
+// Highway's pattern for headers that are compiled once per target; without functions of vectors,
+// which alone would need its attributes.
 #if defined(NERF_KERNELS_LINEAR_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef NERF_KERNELS_LINEAR_BLOCKS_INL_H_
 #undef NERF_KERNELS_LINEAR_BLOCKS_INL_H_
@@ -36,8 +36,10 @@ constexpr int kVectors = 3;
   NERF_CASE(1) NERF_CASE(2) NERF_CASE(3) NERF_CASE(4) NERF_CASE(5) NERF_CASE(6)
 #endif
 
-// Both widths from here on: layers that take other ways (measured: nerf_bench kernels).
+// Both widths from here on: layers that take other ways (measured: nerf_bench kernels). The same on
+// every target.
 constexpr int kWide = 96;
+constexpr bool is_wide(int in, int out) { return in >= kWide && out >= kWide; }
 
 }  // namespace HWY_NAMESPACE
 }  // namespace nerf

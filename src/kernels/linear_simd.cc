@@ -125,9 +125,10 @@ void deep_strip(int rows, const Rows& w, const float* b, int depth, int64_t ld, 
                        out);
 }
 
+// All strips through some rows.
 template <Epilogue kEpilogue>
-void multiply(int rows, const Rows& w, const float* b, int depth, int64_t ld, int64_t n,
-              const float* bias, const float* mask, float* out) {
+void multiply_rows(int rows, const Rows& w, const float* b, int depth, int64_t ld, int64_t n,
+                   const float* bias, const float* mask, float* out) {
   const int64_t lanes = static_cast<int64_t>(hn::Lanes(D()));
   const int64_t end = round_up(n, kLane);
   int64_t s = 0;
@@ -142,38 +143,88 @@ void multiply(int rows, const Rows& w, const float* b, int depth, int64_t ld, in
     deep_strip<1, kEpilogue>(rows, w, b + s, depth, ld, bias, m(s), out + s);
 }
 
-void forward(int in, int out, const float* w, const float* bias, const float* x, float* y,
-             int64_t ld, int64_t n, LinearActivation activation) {
+// A pack: w in blocks of kRows columns, each block row by row, then w in blocks of kRows rows, each
+// block column by column, so that what a step of block() reads stands together. In w itself every
+// step is a cache line further, in a wide layer all in a few sets. 0 beyond the last row and
+// column.
+constexpr int kMostRows = 8;  // kRows of the target with the largest blocks
+static_assert(kMostRows % kRows == 0);
+int64_t packed_columns_size(int in, int out) { return round_up(in, kMostRows) * round_up(out, 2); }
+int64_t packed_rows_size(int in, int out) { return packed_columns_size(out, in); }
+int64_t pack_size(int in, int out) {
+  return is_wide(in, out) ? packed_columns_size(in, out) + packed_rows_size(in, out) : 0;
+}
+
+void pack_rows(int in, int out, const float* w, float* packed) {
   const int64_t ldw = weight_stride(in);
-  const Rows rows{w, kRows * ldw, ldw, 1};
+  for (int j = 0; j < out; j += kRows, packed += int64_t{kRows} * in)
+    for (int r = 0; r < kRows; ++r)
+      for (int k = 0; k < in; ++k) packed[k * kRows + r] = j + r < out ? w[(j + r) * ldw + k] : 0;
+}
+
+void pack_columns(int in, int out, const float* w, float* packed) {
+  const int64_t ldw = weight_stride(in), blocks = (in + kRows - 1) / kRows;
+  // A cache line of w at a time; the last blocks reach into its padding, which is 0.
+  constexpr int64_t kAtOnce = kLane / kRows;
+  for (int64_t i = 0; i < blocks; i += kAtOnce)
+    for (int j = 0; j < out; ++j)
+      for (int64_t b = i; b < std::min(blocks, i + kAtOnce); ++b)
+        std::memcpy(packed + (b * out + j) * kRows, w + j * ldw + b * kRows, kRows * sizeof(float));
+}
+
+void pack(int in, int out, const float* w, float* packed) {
+  if (!is_wide(in, out)) return;
+  pack_columns(in, out, w, packed);
+  pack_rows(in, out, w, packed + packed_columns_size(in, out));
+}
+
+Rows columns_of(int in, int out, const float* w, const float* packed) {
+  if (!is_wide(in, out)) return {w, kRows, 1, weight_stride(in)};
+  thread_local AlignedArray<float> own;
+  if (!packed) {
+    const size_t size = static_cast<size_t>(packed_columns_size(in, out));
+    if (own.size() < size) own = AlignedArray<float>(size);
+    pack_columns(in, out, w, own.data());
+    packed = own.data();
+  }
+  return {packed, int64_t{out} * kRows, 1, kRows};
+}
+
+Rows rows_of(int in, int out, const float* w, const float* packed) {
+  const int64_t ldw = weight_stride(in);
+  if (!packed || !is_wide(in, out)) return {w, kRows * ldw, ldw, 1};
+  return {packed + packed_columns_size(in, out), int64_t{in} * kRows, 1, kRows};
+}
+
+// So many rows at a time that their part of the matrix stays in a second-level cache of 1 MB
+// from strip to strip.
+constexpr int64_t kMostWeights = 96 * 1024;
+
+template <Epilogue kEpilogue>
+void multiply(int rows, const Rows& w, const float* b, int depth, int64_t ld, int64_t n,
+              const float* bias, const float* mask, float* out) {
+  const int64_t parts = (int64_t{rows} * depth + kMostWeights - 1) / kMostWeights;
+  const int at_once =
+      static_cast<int>(round_up((rows + parts - 1) / std::max<int64_t>(parts, 1), kRows));
+  for (int r = 0; r < rows; r += at_once)
+    multiply_rows<kEpilogue>(
+        std::min(at_once, rows - r), {w.a + r / kRows * w.block, w.block, w.row, w.column}, b,
+        depth, ld, n, bias ? bias + r : nullptr, mask ? mask + r * ld : nullptr, out + r * ld);
+}
+
+void forward(int in, int out, const float* w, const float* bias, const float* x, float* y,
+             int64_t ld, int64_t n, LinearActivation activation, const float* packed) {
+  const Rows rows = rows_of(in, out, w, packed);
   if (activation == LinearActivation::kRelu)
     multiply<Epilogue::kRelu>(out, rows, x, in, ld, n, bias, nullptr, y);
   else
     multiply<Epilogue::kNone>(out, rows, x, in, ld, n, bias, nullptr, y);
 }
 
-// Columns of w in blocks of kRows, each block column by column: what a step of block() reads stands
-// together. In w itself every step is a cache line further, in a wide layer all in a few sets.
-Rows packed_columns(int in, int out, const float* w) {
-  thread_local AlignedArray<float> packed;
-  const int64_t ldw = weight_stride(in), blocks = (in + kRows - 1) / kRows;
-  const size_t size = static_cast<size_t>(blocks * kRows) * static_cast<size_t>(out);
-  if (packed.size() < size) packed = AlignedArray<float>(size);
-  // A cache line of w at a time; the last blocks reach into its padding, which is 0.
-  constexpr int64_t kAtOnce = kLane / kRows;
-  for (int64_t i = 0; i < blocks; i += kAtOnce)
-    for (int j = 0; j < out; ++j)
-      for (int64_t b = i; b < std::min(blocks, i + kAtOnce); ++b)
-        std::memcpy(packed.data() + (b * out + j) * kRows, w + j * ldw + b * kRows,
-                    kRows * sizeof(float));
-  return {packed.data(), int64_t{out} * kRows, 1, kRows};
-}
-
 void backward_input(int in, int out, const float* w, const float* dy, float* dx, int64_t ld,
-                    int64_t n, const float* relu_output) {
+                    int64_t n, const float* relu_output, const float* packed) {
   if (n <= 0) return;
-  const Rows rows = in >= kWide && out >= kWide ? packed_columns(in, out, w)
-                                                : Rows{w, kRows, 1, weight_stride(in)};
+  const Rows rows = columns_of(in, out, w, packed);
   if (relu_output)
     multiply<Epilogue::kMask>(in, rows, dy, out, ld, n, nullptr, relu_output, dx);
   else
@@ -199,17 +250,22 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace nerf {
+HWY_EXPORT(pack);
 HWY_EXPORT(forward);
 HWY_EXPORT(backward_input);
 HWY_EXPORT(relu_mask);
 
+int64_t linear_pack_size(int in, int out) { return HWY_STATIC_DISPATCH(pack_size)(in, out); }
+void linear_pack(int in, int out, const float* w, float* packed) {
+  HWY_DYNAMIC_DISPATCH(pack)(in, out, w, packed);
+}
 void linear_forward(int in, int out, const float* w, const float* bias, const float* x, float* y,
-                    int64_t ld, int64_t n, LinearActivation activation) {
-  HWY_DYNAMIC_DISPATCH(forward)(in, out, w, bias, x, y, ld, n, activation);
+                    int64_t ld, int64_t n, LinearActivation activation, const float* packed) {
+  HWY_DYNAMIC_DISPATCH(forward)(in, out, w, bias, x, y, ld, n, activation, packed);
 }
 void linear_backward_input(int in, int out, const float* w, const float* dy, float* dx, int64_t ld,
-                           int64_t n, const float* relu_output) {
-  HWY_DYNAMIC_DISPATCH(backward_input)(in, out, w, dy, dx, ld, n, relu_output);
+                           int64_t n, const float* relu_output, const float* packed) {
+  HWY_DYNAMIC_DISPATCH(backward_input)(in, out, w, dy, dx, ld, n, relu_output, packed);
 }
 void relu_backward(int rows, const float* y, float* dy, int64_t ld, int64_t n) {
   HWY_DYNAMIC_DISPATCH(relu_mask)(rows, y, dy, ld, n);

@@ -103,7 +103,7 @@ void outer_rows(int rows, const float* dy, int64_t ld, const float* const* x, in
 
 // Wide layers: x is transposed panel by panel, so that the sums stand in the lanes and nothing is
 // left to add up at the end; what the transposition costs is spread over many rows.
-constexpr int kPanelSamples = 192;  // the panel stays in the first-level cache
+constexpr int kPanelSamples = 512;  // the panel stays in the first-level cache
 
 // panel[s][c] = x[c][s] for `columns` rows of x (0 beyond) and `samples` samples, multiples of 4
 // and kLane; `width` floats from one sample to the next.
@@ -224,7 +224,7 @@ void backward_weights(int in, int out, const float* dy, const float* x, int64_t 
                       float* dw, float* dbias) {
   const int64_t ldw = weight_stride(in);
   const int64_t end = round_up(n, kLane);
-  if (in >= kWide && out >= kWide)
+  if (is_wide(in, out))
     backward_wide_weights(in, out, dy, x, ld, end, dw, ldw);
   else
     backward_narrow_weights(in, out, dy, x, ld, end, dw, ldw);

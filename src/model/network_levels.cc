@@ -23,8 +23,9 @@ NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool last, bool
   return out;
 }
 
-bool leaves_empty_samples(const NetworkOptions& options) {
-  return options.density == DensityActivation::kRelu;
+bool can_skip_level(const NetworkOptions& options, const NetworkLosses& losses, bool last) {
+  if (options.density == DensityActivation::kRelu) return true;
+  return losses.negligible > 0 && (last || losses.interlevel == 0);
 }
 
 }  // namespace
@@ -50,7 +51,7 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
     level.chunk.weights = field.weights.data();
     level.posts.resize(static_cast<size_t>(rays * sampler_.posts(l)));
     for (int r = 0; r <= rays; ++r) level.ray_begin.push_back(r * samples);
-    if (!can_skip()) continue;
+    if (!training || !can_skip_level(field.options, losses, l + 1 == sampler_.levels())) continue;
     level.probe = std::make_unique<NetworkTape>(field.options, field.network_of(l), rays * samples,
                                                 rays, NetworkTape::Purpose::kDensity, of_level);
     level.probe_chunk = std::make_unique<Chunk>(level.probe->tape);
@@ -58,10 +59,10 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
   }
 }
 
-void NetworkLevels::use_packs(const uint16_t* packed) {
+void NetworkLevels::use_packs(const LayerPacks* packs) {
   for (const auto& level : levels_) {
-    level->chunk.packed = packed;
-    if (level->probe_chunk) level->probe_chunk->packed = packed;
+    level->chunk.packs = packs;
+    if (level->probe_chunk) level->probe_chunk->packs = packs;
   }
 }
 
@@ -70,19 +71,26 @@ uint64_t NetworkLevels::memory_bytes(const NetworkOptions& options, int rays, bo
   const std::vector<RadianceNetwork> networks = place_networks(options);
   uint64_t floats = 0;
   for (int l = 0; l < options.sampling.levels(); ++l) {
-    const auto of_level = losses_of_level(losses, l + 1 == options.sampling.levels(), training);
+    const bool last = l + 1 == options.sampling.levels();
+    const auto of_level = losses_of_level(losses, last, training);
     const auto arena = [&](NetworkTape::Purpose purpose) {
       return NetworkTape(options, network_of(options, networks, l),
                          rays * options.sampling.samples(l), rays, purpose, of_level)
           .tape.arena_floats();
     };
     floats += arena(training ? NetworkTape::Purpose::kTrain : NetworkTape::Purpose::kRender);
-    if (training && leaves_empty_samples(options)) floats += arena(NetworkTape::Purpose::kDensity);
+    if (training && can_skip_level(options, losses, last))
+      floats += arena(NetworkTape::Purpose::kDensity);
   }
   return floats * sizeof(Real);
 }
 
-bool NetworkLevels::can_skip() const { return training_ && leaves_empty_samples(field_.options); }
+bool NetworkLevels::can_skip(size_t level) const {
+  return training_ && can_skip_level(field_.options, losses_, level + 1 == levels_.size());
+}
+bool NetworkLevels::can_skip() const {  // the last level can if any can
+  return can_skip(levels_.size() - 1);
+}
 
 void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip) {
   rays_ = rays;
@@ -102,10 +110,10 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
     }
     level.chunk.loss = 0;
     place_rays(level);
-    const bool in_picture = !training_ && occupancy_;
+    const bool in_picture = !training_ && (occupancy_ || cut_);
     level.skipped = in_picture || (skip && level.probe);
     if (in_picture) {
-      place_occupied(level, samples);
+      place_drawn(level, samples);
     } else if (level.skipped) {
       place_samples(level, samples, *level.probe, *level.probe_chunk);
       level.probe->forward_weights(*level.probe_chunk);
@@ -121,7 +129,7 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
       level.tape.forward_weights(level.chunk);
     if (in_picture) spread_weights(level, samples);
     if (!training_ && !in_picture) all_ += level.chunk.samples, dense_ += level.chunk.samples;
-    if (can_skip() && !level.skipped) count_dense(level.tape, level.chunk);
+    if (level.probe && !level.skipped) count_dense(level.tape, level.chunk);
   }
 }
 

@@ -101,27 +101,42 @@ void NetworkLevels::place_samples(const Level& level, int samples, const Network
   });
 }
 
-void NetworkLevels::count_dense(const NetworkTape& tape, const Chunk& c) {
+template <class Body, class EndOfRay>
+void NetworkLevels::each_needed(const NetworkTape& tape, const Chunk& c, const Body& body,
+                                const EndOfRay& end_of_ray) const {
   const Real* density = c.data(tape.density);
-  dense_ += std::count_if(density, density + c.samples, [](Real d) { return d > 0; });
+  const Real* weight = c.data(tape.weights);
+  const bool relu = field_.options.density == DensityActivation::kRelu;
+  const double least = static_cast<double>(losses_.negligible);
+  for (int r = 0; r < c.rays; ++r) {
+    const int end = c.ray_begin[r + 1];
+    double light = 1;
+    for (int i = c.ray_begin[r]; i < end; ++i) {
+      const double share = relu ? light : static_cast<double>(weight[i]);
+      const bool needed = density[i] > 0 && share >= least;
+      if (needed || (field_.options.opaque_end && i + 1 == end)) body(i);
+      light -= static_cast<double>(weight[i]);
+    }
+    end_of_ray(r);
+  }
+}
+
+void NetworkLevels::count_dense(const NetworkTape& tape, const Chunk& c) {
+  each_needed(tape, c, [&](int) { ++dense_; }, [](int) {});
   all_ += c.samples;
 }
 
-// The probe's samples that have density, moved together on the level's own tape.
+// The probe's samples that are needed, moved together on the level's own tape.
 void NetworkLevels::keep_dense(Level& level) {
   const NetworkTape& from = *level.probe;
   const Chunk& all = *level.probe_chunk;
   const NetworkTape& to = level.tape;
   Chunk& c = level.chunk;
-  const Real* density = all.data(from.density);
   level.kept.clear();
   level.dense_begin.assign(1, 0);
-  for (int r = 0; r < all.rays; ++r) {
-    const int end = all.ray_begin[r + 1];
-    for (int i = all.ray_begin[r]; i < end; ++i)
-      if (density[i] > 0 || (field_.options.opaque_end && i + 1 == end)) level.kept.push_back(i);
-    level.dense_begin.push_back(static_cast<int32_t>(level.kept.size()));
-  }
+  each_needed(
+      from, all, [&](int column) { level.kept.push_back(column); },
+      [&](int) { level.dense_begin.push_back(static_cast<int32_t>(level.kept.size())); });
   c.samples = static_cast<int>(level.kept.size());
   c.ray_begin = level.dense_begin.data();
   const auto move_rows = [&](Value a, Value b) {
@@ -138,18 +153,25 @@ void NetworkLevels::keep_dense(Level& level) {
   move_rows(from.noise, to.noise);
 }
 
-// Only the samples that may meet matter, packed.
-void NetworkLevels::place_occupied(Level& level, int samples) {
+// Only the samples that may meet matter in the part of the ray that is drawn, packed.
+void NetworkLevels::place_drawn(Level& level, int samples) {
   Chunk& c = level.chunk;
   const bool warped = field_.options.space == Space::kContract;
   const bool is_last = &level == levels_.back().get();
   level.kept.clear();
   level.dense_begin.assign(rays_.size() + 1, 0);
-  each_sample(level, samples, [&](const Sample& s) {
+  each_sample(level, samples, [&](Sample s) {
     const NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
+    if (cut_) {
+      const Real from = std::max(s.t0, ray.drawn_from);
+      const Real to = std::min(s.t0 + s.delta / ray.length, ray.drawn_to);
+      s.delta = std::max(0.0_r, (to - from) * ray.length);
+    }
     const Vec3 p = ray.origin + ray.direction * (0.5_r * (s.t0 + s.t1));
     const bool end = field_.options.opaque_end && (s.column + 1) % samples == 0;
-    if (end || occupancy_->may_hold(warped ? contract(p) : p, is_last)) {
+    const bool drawn = s.delta > 0 || !cut_;
+    if (end ||
+        (drawn && (!occupancy_ || occupancy_->may_hold(warped ? contract(p) : p, is_last)))) {
       place_sample(ray, s, static_cast<int>(level.kept.size()), level.tape, c);
       level.kept.push_back(s.column);
     }

@@ -54,4 +54,11 @@ double ray_distance(const NetworkField& field, const Pose& pose, const NetworkRa
   return ndc ? ndc_distance(*ndc, t) : 0;
 }
 
+double ray_parameter(const NetworkField& field, const Pose& pose, const NetworkRay& ray,
+                     double distance) {
+  if (field.options.space != Space::kNdc) return distance;
+  const auto ndc = to_ndc(field.ndc, pose.translation, ray.view.cast<double>());
+  return ndc ? ndc_parameter(*ndc, distance) : 0;
+}
+
 }  // namespace nerf

@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <vector>
 
+#include "model/oblique_box.h"
 #include "nerf/base/error.h"
 #include "nerf/math/contraction.h"
 #include "nerf/model/network_levels.h"
@@ -25,6 +27,13 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
                      const BakedOccupancy* occupancy, const Camera& camera,
                      const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel) {
+  const auto box = oblique_box(info.to_engine, options.bbox);
+  if (box && field.options.opaque_end) {
+    NetworkField open_end = field;
+    open_end.options.opaque_end = false;
+    return render_network(open_end, info, occupancy, camera, camera_to_world, options, pool,
+                          progress, cancel);
+  }
   NERF_CHECK(camera.width > 0 && camera.height > 0);
   const Pose pose = info.to_engine.apply(camera_to_world);
   const Vec3 background = background_of(info, options);
@@ -32,9 +41,9 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
   Frame frame{camera.width, camera.height, std::vector<Real>(static_cast<size_t>(3 * pixels)),
               std::vector<Real>(static_cast<size_t>(pixels)),
               std::vector<Real>(static_cast<size_t>(pixels))};
-  AlignedArray<uint16_t> packed;
-  if (resolve_precision(options.precision) == Precision::kBf16)
-    pack_layers(field.layers(), field.weights.data(), packed, pool);
+  LayerPacks packs;
+  pack_layers(field.layers(), field.weights.data(), resolve_precision(options.precision), packs,
+              pool);
   // Where most samples are skipped more rays fill a chunk.
   const int per_chunk = NetworkLevels::rays_per_chunk(field.options) * (occupancy ? 4 : 1);
   std::vector<std::unique_ptr<NetworkLevels>> levels(static_cast<size_t>(pool.size()));
@@ -49,7 +58,8 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
     if (!own) {
       own = std::make_unique<NetworkLevels>(field, per_chunk);
       own->skip_empty(occupancy);
-      own->use_packs(packed.data());
+      own->use_packs(&packs);
+      if (box) own->cut_rays();
     }
     int64_t asked = 0, coloured = 0, cast_rays = 0;
     std::vector<NetworkRay> rays;
@@ -68,6 +78,12 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
         if (!cast) continue;
         NetworkRay ray = *cast;
         ray.background = background;
+        if (box) {
+          double from = 0, to = std::numeric_limits<double>::infinity();
+          if (!box->clip(pose.translation, ray.view.cast<double>(), from, to)) continue;
+          ray.drawn_from = static_cast<Real>(ray_parameter(field, pose, ray, from));
+          ray.drawn_to = static_cast<Real>(ray_parameter(field, pose, ray, to));
+        }
         rays.push_back(ray);
         pixel_of.push_back(p);
         forward.push_back(dot(ray.view.cast<double>(), pose.rotation.column(2)));

@@ -25,9 +25,9 @@ Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& c
   Frame frame{camera.width, camera.height, std::vector<Real>(3 * pixels), std::vector<Real>(pixels),
               std::vector<Real>(pixels)};
 
-  AlignedArray<uint16_t> packed;
-  if (resolve_precision(options.precision) == Precision::kBf16)
-    pack_layers(field.layers(), field.weights.data(), packed, pool);
+  LayerPacks packs;
+  pack_layers(field.layers(), field.weights.data(), resolve_precision(options.precision), packs,
+              pool);
 
   constexpr int kTile = 16;  // neighbouring rays read neighbouring table rows
   const int columns = (camera.width + kTile - 1) / kTile;
@@ -39,8 +39,8 @@ Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& c
     if (cancel && cancel->requested()) throw Cancelled();
     auto& renderer = renderers[static_cast<size_t>(thread)];
     if (!renderer)
-      renderer = std::make_unique<internal::TileRenderer>(field, packed.data(), camera, pose,
-                                                          info.near, options, box);
+      renderer = std::make_unique<internal::TileRenderer>(field, packs, camera, pose, info.near,
+                                                          options, box);
     const int x = static_cast<int>(tile % columns) * kTile;
     const int y = static_cast<int>(tile / columns) * kTile;
     renderer->render_tile(x, y, std::min(x + kTile, camera.width),

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "model/oblique_box.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/renderer.h"
@@ -25,27 +26,11 @@ struct PixelState {
   Real radius = 0;           // of the pixel's cone at distance 1; GridOptions::sees_cones
 };
 
-// The box of the options: its axes are the input's, its unit and origin the engine's.
-struct ObliqueBox {
-  Mat3d to_box;
-  Box3 box;
-};
-
-inline std::optional<ObliqueBox> oblique_box(const Similarity& to_engine,
-                                             const std::optional<Box3>& box) {
-  if (!box) return std::nullopt;
-  ObliqueBox out{to_engine.rotation.transposed(), {}};
-  // Only moved and scaled, not turned to the engine's axes and back: sides may be infinite.
-  for (const Vec3d& corner : {box->min, box->max})
-    out.box.extend((corner - to_engine.center) * to_engine.scale);
-  return out;
-}
-
 // One thread's renderer of tiles.
 class TileRenderer {
  public:
-  // packed: of the field's networks, or null.
-  TileRenderer(const GridField& field, const uint16_t* packed, const Camera& camera,
+  // packs: of the field's networks; must outlive this.
+  TileRenderer(const GridField& field, const LayerPacks& packs, const Camera& camera,
                const Pose& pose, double near, const RenderOptions& options,
                const std::optional<ObliqueBox>& box)
       : field_(field),
@@ -59,7 +44,7 @@ class TileRenderer {
         shading_(tape_.tape),
         sampler_(field.occupancy, sampler_options(field, options), field.clip) {
     chunk_.weights = shading_.weights = field.weights.data();
-    chunk_.packed = shading_.packed = packed;
+    chunk_.packs = shading_.packs = &packs;
     const size_t points = static_cast<size_t>(field.options.cone_points) * kChunkSamples;
     for (auto* a : {&x_, &y_, &z_, &spread_}) *a = AlignedArray<Real>(points);
     t_.resize(kChunkSamples);
@@ -95,12 +80,9 @@ class TileRenderer {
     return s;
   }
 
-  // Cuts the ray to the options' box, which stands oblique to the engine's axes; false where it
-  // misses the box. A rotation keeps distances, so t is the same in both frames.
+  // Cuts the ray to the options' box; false where it misses the box.
   bool inside_box(Ray& ray) const {
-    if (!box_) return true;
-    const Ray in_input{box_->to_box * ray.origin, box_->to_box * ray.direction};
-    return clip_to_box(in_input, box_->box, ray.near, ray.far);
+    return !box_ || box_->clip(ray.origin, ray.direction, ray.near, ray.far);
   }
 
   void render_pixel(int x, int y) {

@@ -55,12 +55,11 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   corrections.resize(2 * kBiasCorrections);
   bias_corrections(AdamStep(), corrections.data());
   initialise();
-  for (const auto& chunk : workers) chunk->packed = packed.data();
+  for (const auto& chunk : workers) chunk->packs = &packs;
 }
 
 void GridTrainer::pack() {
-  if (options.precision == Precision::kBf16)
-    pack_layers(field.layers(), field.weights.data(), packed, pool);
+  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
 }
 
 void GridTrainer::initialise() {

@@ -62,7 +62,7 @@ struct GridTrainer final : TrainerImpl {
 
   double distortion;  // weight of the loss
   GridField field;
-  AlignedArray<uint16_t> packed;  // of its networks; options.precision kBf16 only
+  LayerPacks packs;  // of its networks
   OptimiserState optimiser;
   GridTape tape;
   std::vector<std::unique_ptr<Chunk>> workers;  // one per thread

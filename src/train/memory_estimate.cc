@@ -25,7 +25,7 @@ uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
   const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
   uint64_t packs = 0;
   for (const RadianceNetwork& n : place_networks(options.network))
-    packs += 2 * kFloat * (n.end - n.begin);  // twice in bf16, in whole blocks
+    packs += 2 * kFloat * (n.end - n.begin);  // rows and columns, in whole blocks
   const int rays = std::min(NetworkLevels::rays_per_chunk(options.network), options.recipe.rays);
   const uint64_t worker =
       NetworkLevels::memory_bytes(options.network, rays, true, losses_of(options.recipe));

@@ -18,7 +18,7 @@ int network_accumulators(size_t weights) {
 }
 
 NetworkLosses losses_of(const NetworkRecipe& r) {
-  return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise};
+  return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise, r.negligible};
 }
 
 namespace {
@@ -97,12 +97,11 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   if (o.network.space == Space::kNdc) field.ndc = ndc_frame(s, p);
   field.initialise(options.seed ^ salt);
   pack();
-  for (const auto& levels : workers) levels->use_packs(packed.data());
+  for (const auto& levels : workers) levels->use_packs(&packs);
 }
 
 void NetworkTrainer::pack() {
-  if (options.precision == Precision::kBf16)
-    pack_layers(field.layers(), field.weights.data(), packed, pool);
+  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
 }
 
 // Exponential fall (bmild/nerf: rate 0.1^(t / decay); mip-NeRF: log-linear), after a warm-up along
@@ -267,7 +266,7 @@ StepReport NetworkTrainer::step() {
   }
   // Those that a network saw forward and backward.
   report.samples = report.rays * field.options.sampling.all_samples();
-  if (skipping()) report.samples = dense;
+  if (skipping()) report.samples -= all - dense;
   reduce_gradient();
   clip_gradient();
   report.rate = static_cast<double>(rate_at(done));

@@ -38,7 +38,7 @@ struct NetworkTrainer final : TrainerImpl {
 
   NetworkField field;
   AlignedArray<Real> gradient, m, v;
-  AlignedArray<uint16_t> packed;  // of the weights; options.precision kBf16 only
+  LayerPacks packs;  // of the weights
   int rays_per_chunk;
   std::vector<std::unique_ptr<NetworkLevels>> workers;  // one per thread
   std::vector<AlignedArray<Real>> accumulators;

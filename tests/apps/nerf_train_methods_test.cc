@@ -30,9 +30,9 @@ TEST_F(NerfTrainMethods, TrainAndRender) {
     const auto options = nlohmann::json::parse(file("options.json"));
     EXPECT_EQ(options["method"], method);
     EXPECT_EQ(options["network"]["width"], 16);
-    const ProgramResult rendered = run_program(
-        NERF_RENDER_PROGRAM,
-        {run_folder(), "--views", "test", "--size", "16x16", "-o", run_folder("pictures")});
+    const ProgramResult rendered =
+        run_program(NERF_RENDER_PROGRAM, {run_folder(), "--views", "test", "--size", "16x16", "-o",
+                                          run_folder("pictures"), "--bbox", "-1,-1,-1,1,1,1"});
     EXPECT_EQ(rendered.exit_code, 0) << rendered.err;
     int pictures = 0;  // two views, colour and depth
     for (const auto& entry : fs::recursive_directory_iterator(run_folder("pictures")))

@@ -59,10 +59,12 @@ struct SmallNetwork {
   Rays rays;
 };
 
+// Samples to an odd number of cache lines: rows so far apart use all sets of a cache.
 TEST(Tape, CapacitiesAreRoundedUp) {
-  const Tape tape(17, 1);
-  EXPECT_EQ(tape.capacity(Domain::kSamples), 32);
-  EXPECT_EQ(tape.capacity(Domain::kRays), kLane);
+  for (const auto& [samples, capacity] :
+       {std::pair{1, 16}, {16, 16}, {17, 48}, {240, 240}, {384, 400}})
+    EXPECT_EQ(Tape(samples, 1).capacity(Domain::kSamples), capacity);
+  EXPECT_EQ(Tape(17, 1).capacity(Domain::kRays), kLane);
 }
 
 // What a chunk computed before leaves no trace in what it computes next, also with fewer samples.

@@ -50,9 +50,9 @@ void for_each_shape(const Body& body) {
                        std::to_string(n));
           body(in, out, n, random);
         }
-    // Wide layers take other ways through the weights' gradient, in pieces of samples.
-    for (const auto& [in, out] : {std::pair{96, 96}, {97, 101}, {319, 130}})
-      for (int64_t n : {0, 17, 193, 400}) {
+    // Wide layers take other ways: pieces of rows, and of samples in the weights' gradient.
+    for (const auto& [in, out] : {std::pair{96, 96}, {97, 101}, {319, 130}, {340, 330}})
+      for (int64_t n : {0, 17, 193, in == 96 ? 530 : 400}) {
         SCOPED_TRACE("in " + std::to_string(in) + " out " + std::to_string(out) + " n " +
                      std::to_string(n));
         body(in, out, n, random);
@@ -124,6 +124,43 @@ TEST(Linear, BackwardInput) {
     }
   });
   worst.report();
+}
+
+// What a pack holds of a wide layer's weights gives the bits that the weights give.
+TEST(Linear, PacksChangeNothing) {
+  for_each_target([&](const std::string&) {
+    Random random(18, 0, 0);
+    for (const auto& [in, out] :
+         {std::pair{96, 96}, {97, 101}, {101, 97}, {319, 130}, {520, 516}}) {
+      SCOPED_TRACE("in " + std::to_string(in) + " out " + std::to_string(out));
+      const Layer layer(in, out, random);
+      const size_t size = static_cast<size_t>(linear_pack_size(in, out));
+      EXPECT_EQ(size % kLane, 0u);
+      AlignedArray<Real> pack(size);
+      linear_pack(in, out, layer.w.data(), pack.data());
+      for (int64_t n : {1, 17, 113}) {
+        const Matrix x(in, n, random, -1, 1);
+        const Matrix dy(out, n, random, -1, 1, Matrix::Padding::kZero);
+        Matrix y(out, n), with_pack(out, n), dx(in, n), dx_with_pack(in, n);
+        // Without the weights themselves, which a pack stands for, where there is one.
+        const AlignedArray<Real> nothing(layer.w.size());
+        const Real* w = size > 0 ? nothing.data() : layer.w.data();
+        linear_forward(in, out, layer.w.data(), layer.bias.data(), x.data.data(), y.data.data(),
+                       x.ld, n, LinearActivation::kRelu);
+        linear_forward(in, out, w, layer.bias.data(), x.data.data(), with_pack.data.data(), x.ld, n,
+                       LinearActivation::kRelu, pack.data());
+        linear_backward_input(in, out, layer.w.data(), dy.data.data(), dx.data.data(), dx.ld, n,
+                              x.data.data());
+        linear_backward_input(in, out, w, dy.data.data(), dx_with_pack.data.data(), dx.ld, n,
+                              x.data.data(), pack.data());
+        for (int64_t s = 0; s < n; ++s) {
+          for (int j = 0; j < out; ++j) ASSERT_EQ(with_pack.at(j, s), y.at(j, s)) << j << " " << s;
+          for (int k = 0; k < in; ++k)
+            ASSERT_EQ(dx_with_pack.at(k, s), dx.at(k, s)) << k << " " << s;
+        }
+      }
+    }
+  });
 }
 
 // Sums of n products on top of what is there; the padding columns of dw stay 0.

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "nerf/math/random.h"
 
@@ -36,10 +37,14 @@ TEST(Ndc, ARayIsTheImageOfItsPoints) {
       const auto want = point_to_ndc(frame, origin + d * ndc_distance(*ray, t));
       ASSERT_TRUE(want);
       EXPECT_LT(length(ray->origin + ray->direction * t - *want), 1e-10) << t;
+      EXPECT_NEAR(ndc_parameter(*ray, ndc_distance(*ray, t)), t, 1e-12);
     }
     EXPECT_NEAR(ray->origin.z, -1, 1e-12);                    // the near plane
     EXPECT_NEAR(ray->origin.z + ray->direction.z, 1, 1e-12);  // infinity
     EXPECT_TRUE(std::isinf(ndc_distance(*ray, 1)));
+    EXPECT_EQ(ndc_parameter(*ray, ndc_distance(*ray, 1)), 1);
+    EXPECT_LT(ndc_parameter(*ray, ray->start - 0.01), 0);
+    EXPECT_EQ(ndc_parameter(*ray, -1e9), -std::numeric_limits<double>::infinity());
   }
 }
 

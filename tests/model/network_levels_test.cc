@@ -13,6 +13,7 @@
 #include "nerf/model/renderer.h"
 #include "support/cameras.h"
 #include "support/network_options.h"
+#include "support/network_rays.h"
 #include "support/temp_folder.h"
 
 namespace nerf {
@@ -22,29 +23,11 @@ using test::mipnerf360_options;
 using test::mipnerf_options;
 using test::nerf_options;
 using test::small_network;
+using test::some_rays;
 
 std::vector<NetworkOptions> all_methods() {
   return {small_network(nerf_options()), small_network(mipnerf_options()),
           small_network(mipnerf360_options())};
-}
-
-std::vector<NetworkRay> some_rays(int count, Real distance) {
-  std::vector<NetworkRay> rays;
-  for (int i = 0; i < count; ++i) {
-    Random random(9, 0, static_cast<uint64_t>(i));
-    NetworkRay ray;
-    Vec3 d{random.uniform() - 0.5_r, random.uniform() - 0.5_r, -1};
-    ray.direction = d / length(d);
-    ray.origin = ray.direction * -distance;
-    ray.view = ray.direction;
-    ray.radius = 0.001_r;
-    ray.background = {1, 1, 1};
-    ray.target = {0.2_r, 0.4_r, 0.6_r};
-    ray.scale = 1.0_r / static_cast<Real>(3 * count);
-    ray.random = random;
-    rays.push_back(ray);
-  }
-  return rays;
 }
 
 // A network whose only weights are the biases of its heads: the same matter everywhere.

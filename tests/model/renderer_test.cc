@@ -9,24 +9,14 @@
 
 #include "model/homogeneous_field.h"
 #include "support/cameras.h"
+#include "support/length_inside.h"
 
 namespace nerf {
 namespace {
 
 using test::homogeneous_field;
+using test::length_inside;
 using test::tilted;
-
-// Length of a ray inside a box by slabs, in double.
-double length_inside(const Vec3d& origin, const Vec3d& direction, const Box3& box) {
-  double t0 = 0, t1 = 1e30;
-  for (int i = 0; i < 3; ++i) {
-    const double a = (box.min[i] - origin[i]) / direction[i];
-    const double b = (box.max[i] - origin[i]) / direction[i];
-    t0 = std::max(t0, std::min(a, b));
-    t1 = std::min(t1, std::max(a, b));
-  }
-  return std::max(t1 - t0, 0.0);
-}
 
 // Opacity 1 - exp(-density * length) of the part of each ray inside the box, whose axes are the
 // input's although the engine's are turned against them: nothing is drawn outside it.

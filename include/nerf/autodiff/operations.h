@@ -4,38 +4,12 @@
 
 #include <span>
 
+#include "nerf/autodiff/linear_weights.h"
 #include "nerf/autodiff/tape.h"
-#include "nerf/base/aligned.h"
 #include "nerf/base/real.h"
-#include "nerf/base/threads.h"
 #include "nerf/kernels/linear.h"
 
 namespace nerf {
-
-// Where a layer's weights stand in the model's parameter array: [out x weight_stride(in)], then,
-// where it has one, the bias [out], padded to kLane.
-struct LinearWeights {
-  size_t offset = 0;
-  int in = 0, out = 0;
-  bool bias = false;
-  size_t packed = 0;  // where its bf16 pack begins, in elements (kernels/linear_bf16.h)
-  size_t bias_offset() const {
-    return offset + static_cast<size_t>(out) * static_cast<size_t>(weight_stride(in));
-  }
-  size_t size() const {
-    return bias_offset() - offset + (bias ? static_cast<size_t>(round_up(out, kLane)) : 0);
-  }
-  // Without padding.
-  size_t parameters() const {
-    return static_cast<size_t>(out) * static_cast<size_t>(in + (bias ? 1 : 0));
-  }
-};
-
-// Places the layers' packs one behind the other.
-void place_packs(std::span<LinearWeights* const> layers);
-// Packs the layers anew, for Chunk::packed. Allocates at the first call only.
-void pack_layers(std::span<const LinearWeights> layers, const Real* weights,
-                 AlignedArray<uint16_t>& packed, ThreadPool& pool);
 
 // [in x n] -> [out x n]: act(W x + b).
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation);

@@ -27,6 +27,7 @@ enum class Domain { kSamples, kRays };
 using Value = int;  // index of a value on its tape
 
 class Tape;
+struct LayerPacks;  // autodiff/linear_weights.h
 
 // One execution of a tape.
 struct Chunk {
@@ -35,8 +36,8 @@ struct Chunk {
   const Tape* tape;
   AlignedArray<Real> arena;
   const Real* weights = nullptr;  // parameters of the model, read only
-  // Packs of the linear layers' weights: their products are taken in bf16. Null: in f32.
-  const uint16_t* packed = nullptr;
+  // Packs of the linear layers' weights, or null: read as they stand, in f32.
+  const LayerPacks* packs = nullptr;
   Real* weight_gradient = nullptr;  // same layout, accumulated into
   int samples = 0, rays = 0;        // columns in use
   const int32_t* ray_begin =

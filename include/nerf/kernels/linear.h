@@ -19,15 +19,24 @@ inline int weight_stride(int in) { return static_cast<int>(round_up(in, kLane));
 
 enum class LinearActivation { kNone, kRelu };
 
-// y[j][s] = act(bias[j] + sum_k w[j][k] x[k][s]); bias may be null.
+// Wide layers read their weights in blocks of rows (forward) and of columns (backward), each block
+// one column or row behind the other. A pack holds both; who multiplies by the same weights many
+// times makes it once. Only the SIMD target that made it can read it.
+void linear_pack(int in, int out, const Real* w, Real* pack);
+// In numbers, a multiple of kLane; 0 of a layer that is not wide.
+int64_t linear_pack_size(int in, int out);
+
+// y[j][s] = act(bias[j] + sum_k w[j][k] x[k][s]); bias may be null. The same bits with the pack of
+// w as without it (null).
 void linear_forward(int in, int out, const Real* w, const Real* bias, const Real* x, Real* y,
-                    int64_t ld, int64_t n, LinearActivation activation);
+                    int64_t ld, int64_t n, LinearActivation activation, const Real* pack = nullptr);
 
 // dx[k][s] = sum_j w[j][k] dy[j][s], where dy is the gradient before the activation. With
 // `relu_output` (the layer's input, itself the output of a ReLU) the result is set to 0 where that
-// is 0, which makes it the gradient before that activation.
+// is 0, which makes it the gradient before that activation. With the pack of w (null: packed here)
+// the same bits.
 void linear_backward_input(int in, int out, const Real* w, const Real* dy, Real* dx, int64_t ld,
-                           int64_t n, const Real* relu_output);
+                           int64_t n, const Real* relu_output, const Real* pack = nullptr);
 
 // dw[j][k] += sum_s dy[j][s] x[k][s] for k < in. dbias[j] += sum_s dy[j][s] unless null.
 void linear_backward_weights(int in, int out, const Real* dy, const Real* x, int64_t ld, int64_t n,

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "nerf/math/vec.h"
@@ -57,6 +58,12 @@ inline std::optional<Vec3d> point_to_ndc(const NdcFrame& frame, const Vec3d& p) 
 // Distance along the world ray of a t in [0, 1); infinite for 1.
 inline double ndc_distance(const NdcRay& ray, double t) {
   return ray.start + (ray.depth / (1 - t) - ray.depth) / ray.forward;
+}
+
+// The other way round: below 0 before the near plane, -infinity from the camera's plane on back.
+inline double ndc_parameter(const NdcRay& ray, double distance) {
+  const double depth = ray.depth + (distance - ray.start) * ray.forward;
+  return depth > 0 ? 1 - ray.depth / depth : -std::numeric_limits<double>::infinity();
 }
 
 }  // namespace nerf

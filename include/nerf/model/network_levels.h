@@ -25,6 +25,12 @@ struct NetworkLosses {
   Real distortion = 0;     // of the last level's (equation 15), for a mean over rays
   Real charbonnier = 0;    // epsilon of the colour loss; 0: squared error
   Real density_noise = 0;  // standard deviation of what is added to the raw density
+  // Share of a ray's light below which a sample is negligible in a training that skips. Of a
+  // softplus's samples it is that of the sample's weight w: with x = density x length the
+  // derivative of the pixel by the raw density is at most w x (e^x - 1)^-1 x <= w times a
+  // difference of colours, and w by the sample's colour. Of a ReLU's, whose derivative does not
+  // fall with the density, that of the light that reaches the sample.
+  Real negligible = 0;
 };
 
 class NetworkLevels {
@@ -37,9 +43,12 @@ class NetworkLevels {
   // with Cast::kPoint; must outlive this.
   void skip_empty(const internal::BakedOccupancy* occupancy) { occupancy_ = occupancy; }
 
-  // The networks' products in bf16, from these packs (autodiff's pack_layers), which must outlive
-  // this.
-  void use_packs(const uint16_t* packed);
+  // Pictures only: every ray ends where NetworkRay::drawn_to says and begins at drawn_from. Without
+  // NetworkOptions::opaque_end, which would be the end of what is cut off.
+  void cut_rays() { cut_ = true; }
+
+  // The networks' products from these packs, which must outlive this.
+  void use_packs(const LayerPacks* packs);
 
   // How many rays a chunk of the cache's size has.
   static int rays_per_chunk(const NetworkOptions& options);
@@ -51,11 +60,14 @@ class NetworkLevels {
 
   // Training with `skip`: where a ReLU leaves no density a sample has no light and no gradient, so
   // that densities are found first and everything else is computed for the other samples only. The
-  // same values; it pays where less than kSkipPays of all samples have density.
+  // same values, unless NetworkLosses::negligible leaves out more; it pays where less than
+  // kSkipPays of all samples are needed.
   void forward(std::span<NetworkRay> rays, Real exponent, bool skip);
+  // Of any level. Proposals whose weights must rise where the last level's do leave out only what a
+  // ReLU does.
   bool can_skip() const;
-  // Samples of the last forward() that have density (in a picture: that were asked for), and all of
-  // them. Known with can_skip() and in pictures.
+  // Samples of the last forward() that are needed (in a picture: that were asked for), and all of
+  // them. In training of the levels that can skip.
   int64_t dense_samples() const { return dense_; }
   int64_t all_samples() const { return all_; }
   // Whose colours the last forward() computed for the picture.
@@ -113,8 +125,13 @@ class NetworkLevels {
                     const NetworkTape& tape, Chunk& chunk) const;
   void normalised_edges(int level, int ray, std::vector<Real>& edges) const;
   void keep_dense(Level& level);
-  void place_occupied(Level& level, int samples);
+  void place_drawn(Level& level, int samples);
   void spread_weights(Level& level, int samples);
+  bool can_skip(size_t level) const;
+  // body(column) for every sample that is needed, end_of_ray(ray) behind each ray.
+  template <class Body, class EndOfRay>
+  void each_needed(const NetworkTape& tape, const Chunk& chunk, const Body& body,
+                   const EndOfRay& end_of_ray) const;
   void count_dense(const NetworkTape& tape, const Chunk& chunk);
   double losses_on_weights(size_t level);
 
@@ -126,6 +143,7 @@ class NetworkLevels {
   std::vector<std::unique_ptr<Level>> levels_;
   std::span<NetworkRay> rays_;
   const internal::BakedOccupancy* occupancy_ = nullptr;
+  bool cut_ = false;
   int64_t dense_ = 0, all_ = 0;
   std::vector<Real> edges_, final_edges_, gradient_of_all_;  // of losses on weights
 };

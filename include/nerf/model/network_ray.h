@@ -1,6 +1,7 @@
 // From a camera's pixel to a ray of a network field.
 #pragma once
 
+#include <limits>
 #include <optional>
 
 #include "nerf/base/real.h"
@@ -20,6 +21,8 @@ struct NetworkRay {
   // Of the pixel's cone at t = 1, or of its cylinder in normalised device coordinates: mean
   // distance to the neighbouring rays, times 2 / sqrt(12).
   Real radius = 0;
+  // The part of the way that is drawn, in t; pictures only.
+  Real drawn_from = 0, drawn_to = std::numeric_limits<Real>::infinity();
   Vec3 background;
   // Training only.
   int photo = -1;  // whose code the colour may depend on; below 0: none
@@ -36,5 +39,10 @@ std::optional<NetworkRay> cast_ray(const NetworkField& field, const Camera& came
 
 // Distance in engine units of a t along the ray.
 double ray_distance(const NetworkField& field, const Pose& pose, const NetworkRay& ray, double t);
+
+// The t of a distance in engine units: the other way round. Below 0 before the near plane of
+// normalised device coordinates.
+double ray_parameter(const NetworkField& field, const Pose& pose, const NetworkRay& ray,
+                     double distance);
 
 }  // namespace nerf

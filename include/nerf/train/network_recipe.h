@@ -24,6 +24,7 @@ struct NetworkRecipe {
   bool anneal = false;
   int anneal_steps = 0;
   bool skip = true;
+  Real negligible = 0;
 
   template <class V>
   void visit_options(V& v) {
@@ -50,7 +51,13 @@ struct NetworkRecipe {
       at_most(1));
     v("near", near, "first distance of samples, engine units; 0: from the scene", at_least(0));
     v("far", far, "last distance of samples, engine units; 0: from the scene", at_least(0));
-    v("skip", skip, "leave out samples that a ReLU gives no density: they have no gradient");
+    v("skip", skip,
+      "leave out samples that a ReLU gives no density, which have no gradient, and negligible "
+      "ones");
+    v("negligible", negligible,
+      "share of a ray's light below which a sample is left out (of a ReLU's samples the share that "
+      "reaches it, of a softplus's the share that it stops); 0: none",
+      at_least(0), below(1));
     v("anneal", anneal, "raise weights that samples are drawn from to a power that grows to 1");
     v("anneal_steps", anneal_steps, "steps over which it does; 0: all", at_least(0));
   }

@@ -26,8 +26,11 @@ Real sum_of(int64_t n, const Term& term) {
 
 }  // namespace
 
+int64_t linear_pack_size(int, int) { return 0; }
+void linear_pack(int, int, const Real*, Real*) {}
+
 void linear_forward(int in, int out, const Real* w, const Real* bias, const Real* x, Real* y,
-                    int64_t ld, int64_t n, LinearActivation activation) {
+                    int64_t ld, int64_t n, LinearActivation activation, const Real*) {
   const bool with_relu = activation == LinearActivation::kRelu;
   for (int64_t s = 0; s < n; s += kLane)
     for (int j = 0; j < out; ++j) {
@@ -39,7 +42,7 @@ void linear_forward(int in, int out, const Real* w, const Real* bias, const Real
 }
 
 void linear_backward_input(int in, int out, const Real* w, const Real* dy, Real* dx, int64_t ld,
-                           int64_t n, const Real* relu_output) {
+                           int64_t n, const Real* relu_output, const Real*) {
   for (int64_t s = 0; s < n; s += kLane)
     for (int k = 0; k < in; ++k) {
       Real sums[kLane];

@@ -1,0 +1,96 @@
+// RenderOptions::bbox with the paper methods.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "model/homogeneous_field.h"
+#include "nerf/model/network_field.h"
+#include "nerf/model/renderer.h"
+#include "support/cameras.h"
+#include "support/length_inside.h"
+#include "support/network_options.h"
+
+namespace nerf {
+namespace {
+
+using test::length_inside;
+using test::small_network;
+using test::tilted;
+
+// A network whose only weights are the biases of its heads: the same matter everywhere.
+RadianceField homogeneous_network(const NetworkOptions& options, const Similarity& to_engine,
+                                  Real raw_density) {
+  auto network = std::make_shared<NetworkField>(options, 0.5, 6);
+  for (const RadianceNetwork& n : network->networks)
+    network->weights[n.density.bias_offset()] = raw_density;
+  ModelInfo info;
+  info.to_engine = to_engine;
+  info.near = network->near;
+  return RadianceField(std::move(info), std::move(network));
+}
+
+struct Case {
+  NetworkOptions options;
+  Real raw_density;  // such that the density is 1 per engine unit
+};
+
+std::vector<Case> cases() {
+  const Real softplus_of_one = std::log(std::exp(1.0_r) - 1) + 1;  // behind a bias of -1
+  return {{small_network(test::nerf_options()), 1},
+          {small_network(test::mipnerf_options()), softplus_of_one},
+          {small_network(test::mipnerf360_options()), softplus_of_one}};
+}
+
+// As of the grid method: opacity 1 - exp(-density * length) of the part of each ray inside the box,
+// also where the field goes on behind it, to an opaque end or without end.
+TEST(NetworkBox, NothingIsDrawnOutside) {
+  const Similarity to_engine = tilted();
+  const Camera camera = test::pinhole(40, 30, 40);
+  Pose pose;  // from 9 units, 2.25 of the engine's, before the centre, along z
+  pose.translation = to_engine.center + Vec3d{0.3, -0.2, -9};
+  RenderOptions options;
+  options.bbox = Box3{to_engine.center + Vec3d{-2, -1.5, -2}, to_engine.center + Vec3d{1, 1, 1.5}};
+  ThreadPool pool(2);
+  for (const Case& c : cases()) {
+    const RadianceField field = homogeneous_network(c.options, to_engine, c.raw_density);
+    const Frame frame = render(field, camera, pose, options, pool);
+    int inside = 0, outside = 0;
+    for (int y = 0; y < camera.height; ++y)
+      for (int x = 0; x < camera.width; ++x) {
+        const Vec3d direction = normalized(*unproject(camera, {x + 0.5, y + 0.5}));
+        const double length = length_inside(pose.translation, direction, *options.bbox);
+        const size_t pixel = static_cast<size_t>(y * camera.width + x);
+        EXPECT_NEAR(frame.alpha[pixel], 1 - std::exp(-length * to_engine.scale), 2e-5)
+            << "pixel " << x << ' ' << y;
+        // A capture without alpha has black behind it; the medium's colour is a half.
+        EXPECT_NEAR(frame.rgb[3 * pixel], 0.5_r * frame.alpha[pixel], 1e-6) << x << ' ' << y;
+        (length > 0 ? inside : outside)++;
+      }
+    EXPECT_GT(inside, 100);
+    EXPECT_GT(outside, 100);
+  }
+}
+
+// A box around everything that the samples reach changes nothing but the end, which is open.
+TEST(NetworkBox, AroundEverythingChangesNothing) {
+  const Camera camera = test::pinhole(12, 9, 10);
+  Pose pose;
+  pose.translation = {0, 0, -2};
+  ThreadPool pool(2);
+  RenderOptions whole, boxed;
+  boxed.bbox = Box3{{-1e5, -1e5, -1e5}, {1e5, 1e5, 1e5}};
+  for (Case c : cases()) {
+    c.options.opaque_end = false;
+    if (c.options.sampling.resampling == Resampling::kCoarseFine) continue;  // endless at the end
+    const RadianceField field = homogeneous_network(c.options, Similarity(), 0.3_r);
+    const Frame a = render(field, camera, pose, whole, pool);
+    const Frame b = render(field, camera, pose, boxed, pool);
+    for (size_t i = 0; i < a.alpha.size(); ++i) EXPECT_NEAR(a.alpha[i], b.alpha[i], 2e-6);
+  }
+}
+
+}  // namespace
+}  // namespace nerf
