@@ -96,7 +96,10 @@ struct TrainCommand {
     v("up", up, "direction that points up, input coordinates");
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
     v("eval_every", eval_every,
-      "minutes of training between evaluations on held-out views; 0: only at the end", at_least(0));
+      "minutes of training between evaluations on held-out views, more where one takes longer than "
+      "a "
+      "tenth of them; 0: only at the end",
+      at_least(0));
     v("eval_views", eval_views,
       "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0));
     v("checkpoint_every", checkpoint_every,

@@ -1,9 +1,13 @@
 #include "model/baked_occupancy.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 
+#include "model/sample_gaussian.h"
 #include "nerf/base/error.h"
+#include "nerf/kernels/bf16.h"
+#include "nerf/math/camera.h"
 #include "nerf/math/random.h"
 
 namespace nerf::internal {
@@ -42,18 +46,61 @@ double BakedOccupancy::occupied_fraction() const {
 
 namespace {
 
+// Rays from the photos' cameras to points of the cells.
+class Viewpoints {
+ public:
+  Viewpoints(const NetworkField& field, const ModelInfo& info)
+      : longest_(static_cast<Real>((field.far - field.near) / field.options.sampling.coarse)) {
+    for (const ModelView& view : info.views) {
+      const Vec2d middle{0.5 * view.camera.width, 0.5 * view.camera.height};
+      views_.push_back({info.to_engine.apply(view.pose).translation.cast<Real>(),
+                        static_cast<Real>(pixel_cone_radius(view.camera, middle))});
+    }
+  }
+
+  // What a sample covers that stands at p: [t0, t1] of the ray.
+  NetworkRay through(const Vec3& p, bool whole_interval, Random& random, Real& t0, Real& t1) const {
+    const View& view = views_[static_cast<size_t>(random.below(views_.size()))];
+    NetworkRay ray;
+    const Vec3 way = p - view.centre;
+    const Real t = std::max(length(way), 1e-6_r);
+    ray.origin = view.centre;
+    ray.direction = way / t;
+    ray.radius = view.radius;
+    const Real interval =
+        longest_ * (whole_interval ? 1 : std::exp2(-kShortest * random.uniform()));
+    t0 = std::max(0.0_r, t - 0.5_r * interval);
+    t1 = t + 0.5_r * interval;
+    return ray;
+  }
+  Real longest() const { return longest_; }
+
+ private:
+  static constexpr Real kShortest = 5;  // binary logarithm of the longest over the shortest
+  struct View {
+    Vec3 centre;
+    Real radius;
+  };
+  std::vector<View> views_;
+  Real longest_;  // interval of the first level
+};
+
 // Of one level's network.
-std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool& pool,
-                                const Cancel* cancel) {
+std::vector<uint8_t> bake_level(const NetworkField& field, const ModelInfo& info, int level,
+                                const LayerPacks& packs, ThreadPool& pool, const Cancel* cancel) {
+  const bool cones = field.options.cast == Cast::kCone;
+  const Viewpoints viewpoints(field, info);
+  const auto axes = encoding_axes(field.options);
   constexpr int64_t kSide = BakedOccupancy::kSide, kCells = BakedOccupancy::kCells;
   constexpr int kCascades = BakedOccupancy::kCascades, kPoints = BakedOccupancy::kPoints;
   constexpr int kBlock = 256;  // points of a network call
   constexpr int kCellsPerBlock = kBlock / kPoints;
   struct Worker {
-    Worker(const NetworkField& f, int level)
+    Worker(const NetworkField& f, int level, const LayerPacks& packs)
         : tape(f.options, f.network_of(level), kBlock, 1, NetworkTape::Purpose::kDensity, {}),
           chunk(tape.tape) {
       chunk.weights = f.weights.data();
+      chunk.packs = &packs;
       chunk.rays = 1;
       for (int k = 0; k < 3; ++k)
         chunk.data(tape.directions)[k * chunk.stride(tape.directions)] = 0;
@@ -65,13 +112,15 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
   std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool.size()));
   for (int cascade = 0; cascade < kCascades; ++cascade) {
     const Real w = baked_cell_width(BakedOccupancy::kSide, cascade);
+    const Real way = cones ? viewpoints.longest() : w;
     pool.parallel_for_thread(kCells / kCellsPerBlock, [&](int64_t block, int thread) {
       if (cancel && cancel->requested()) throw Cancelled();
       auto& own = workers[static_cast<size_t>(thread)];
-      if (!own) own = std::make_unique<Worker>(field, level);
+      if (!own) own = std::make_unique<Worker>(field, level, packs);
       Chunk& c = own->chunk;
       const int64_t ld = c.stride(own->tape.position);
       Real* position = c.data(own->tape.position);
+      Real* variance = field.options.integrated() ? c.data(own->tape.variance) : nullptr;
       int64_t cells[kCellsPerBlock];
       int count = 0;
       for (int64_t cell = block * kCellsPerBlock; cell < (block + 1) * kCellsPerBlock; ++cell) {
@@ -83,22 +132,32 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
         });
         if (cascade > 0 && inner) continue;
         Random random(1, static_cast<uint64_t>(cascade), static_cast<uint64_t>(cell));
-        for (int i = 0; i < kPoints; ++i)
+        for (int i = 0; i < kPoints; ++i) {
+          Vec3 p;
           for (int k = 0; k < 3; ++k)
-            position[k * ld + count * kPoints + i] =
-                (static_cast<Real>(at[k] - kSide / 2) + random.uniform()) * w;
+            p[k] = (static_cast<Real>(at[k] - kSide / 2) + random.uniform()) * w;
+          const int column = count * kPoints + i;
+          if (cones) {
+            Real t0, t1;
+            const NetworkRay ray = viewpoints.through(p, i == 0, random, t0, t1);
+            place_gaussian(field.options, axes, ray, t0, t1, position + column,
+                           variance ? variance + column : nullptr, ld);
+          } else {
+            for (int k = 0; k < 3; ++k) position[k * ld + column] = p[k];
+          }
+        }
         cells[count++] = cell;
       }
       if (count == 0) return;
       c.samples = count * kPoints;
       const int32_t ray_begin[2] = {0, c.samples};
       c.ray_begin = ray_begin;
-      std::fill_n(c.data(own->tape.delta), c.samples, w);
+      std::fill_n(c.data(own->tape.delta), c.samples, way);
       own->tape.forward_weights(c);
       const Real* density = c.data(own->tape.density);
       for (int i = 0; i < count; ++i)
         for (int k = 0; k < kPoints; ++k)
-          if (!(density[i * kPoints + k] * w < kEmptyThickness))
+          if (!(density[i * kPoints + k] * way < kEmptyThickness))
             out[static_cast<size_t>(cascade * kCells + cells[i])] = 1;
     });
     for (int64_t stride : {int64_t{1}, kSide, kSide * kSide})
@@ -109,11 +168,21 @@ std::vector<uint8_t> bake_level(const NetworkField& field, int level, ThreadPool
 
 }  // namespace
 
-BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const Cancel* cancel) {
-  NERF_CHECK(field.options.cast == Cast::kPoint && !field.options.integrated());
+bool can_bake(const NetworkField& field, const ModelInfo& info) {
+  if (field.options.cast == Cast::kPoint) return !field.options.integrated();
+  return field.options.space == Space::kIdentity && !info.views.empty();
+}
+
+BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,
+                              const Cancel* cancel) {
+  NERF_CHECK(can_bake(field, info));
+  LayerPacks packs;
+  pack_layers(field.layers(), field.weights.data(), resolve_precision(Precision::kAuto), packs,
+              pool);
   BakedOccupancy out;
-  out.last_ = bake_level(field, field.options.sampling.levels() - 1, pool, cancel);
-  if (field.networks.size() > 1) out.before_ = bake_level(field, 0, pool, cancel);
+  const int last = field.options.sampling.levels() - 1;
+  out.last_ = bake_level(field, info, last, packs, pool, cancel);
+  if (field.networks.size() > 1) out.before_ = bake_level(field, info, 0, packs, pool, cancel);
   return out;
 }
 

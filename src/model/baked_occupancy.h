@@ -10,6 +10,7 @@
 #include "nerf/base/cancel.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/model_info.h"
 #include "nerf/model/network_field.h"
 
 namespace nerf::internal {
@@ -43,7 +44,8 @@ class BakedOccupancy {
   static constexpr int64_t kEvaluations = kPoints * (kCells + kCells * 7 / 8);
 
  private:
-  friend BakedOccupancy bake_occupancy(const NetworkField&, ThreadPool&, const Cancel*);
+  friend BakedOccupancy bake_occupancy(const NetworkField&, const ModelInfo&, ThreadPool&,
+                                       const Cancel*);
   static int64_t cell_of(const Vec3& p, int cascade) {
     const Real scale = 1 / baked_cell_width(kSide, cascade);
     int64_t at[3];
@@ -55,9 +57,15 @@ class BakedOccupancy {
   std::vector<uint8_t> last_, before_;  // before_: empty where all levels share one network
 };
 
-// Only for models of points (Cast::kPoint): a cone's Gaussian reaches beyond its middle's cell. A
-// cell counts as empty where none of its points, nor of its 26 neighbours', would stop as much as a
-// thousandth of the light over a cell's width. Throws Cancelled.
-BakedOccupancy bake_occupancy(const NetworkField& field, ThreadPool& pool, const Cancel* cancel);
+// Points, and cones where space is not warped and the photos' cameras are known: around each point
+// a Gaussian of a random photo's cone is asked for, as long as an interval of the first level or
+// shorter. (In warped space cells are too coarse beside its intervals to save anything.)
+bool can_bake(const NetworkField& field, const ModelInfo& info);
+
+// A cell counts as empty where none of its points, nor of its 26 neighbours', would stop as much as
+// a thousandth of the light: over a cell's width, of a cone over an interval of the first level.
+// Throws Cancelled.
+BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,
+                              const Cancel* cancel);
 
 }  // namespace nerf::internal

@@ -1,6 +1,7 @@
 #include "nerf/model/network_field.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -108,6 +109,11 @@ std::vector<Vec3> halved_icosahedron() {
 std::span<const Vec3> off_axis_directions() {
   static const std::vector<Vec3> directions = halved_icosahedron();
   return directions;
+}
+
+std::span<const Vec3> encoding_axes(const NetworkOptions& options) {
+  static constexpr std::array<Vec3, 3> kAxes{Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
+  return options.encoding == Encoding::kOffAxis ? off_axis_directions() : kAxes;
 }
 
 int position_rows(const NetworkOptions& o) {

@@ -1,7 +1,6 @@
 #include "nerf/model/network_levels.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 
@@ -11,8 +10,6 @@
 namespace nerf {
 
 namespace {
-
-constexpr std::array<Vec3, 3> kAxes{Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
 
 NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool last, bool training) {
   NetworkTape::Losses out;
@@ -41,8 +38,7 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
       training_(training),
       losses_(losses),
       sampler_(field.options.sampling, field.near, field.far),
-      axes_(field.options.encoding == Encoding::kOffAxis ? off_axis_directions()
-                                                         : std::span<const Vec3>(kAxes)) {
+      axes_(encoding_axes(field.options)) {
   for (int l = 0; l < sampler_.levels(); ++l) {
     const int samples = sampler_.samples(l);
     const auto of_level = losses_of_level(losses, l + 1 == sampler_.levels(), training);

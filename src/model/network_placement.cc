@@ -4,9 +4,9 @@
 #include <utility>
 
 #include "model/baked_occupancy.h"
+#include "model/sample_gaussian.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/math/contraction.h"
-#include "nerf/math/frustum.h"
 #include "nerf/model/network_levels.h"
 
 namespace nerf {
@@ -39,35 +39,13 @@ void NetworkLevels::each_sample(const Level& level, int samples, const Body& bod
   }
 }
 
-// The Gaussian around [t0, t1] of the ray (or its middle, a point), warped and projected on the
-// encoding's axes: with J the warp's Jacobian and q = J p the variance along p is
-// t_var (d . q)^2 + r_var (|q|^2 - (d . q)^2 / |d|^2).
 void NetworkLevels::place_sample(const NetworkRay& ray, const Sample& sample, int column,
                                  const NetworkTape& tape, Chunk& chunk) const {
-  const NetworkOptions& o = field_.options;
   chunk.data(tape.delta)[column] = sample.delta;
-  RayGaussian<Real> g{0.5_r * (sample.t0 + sample.t1), 0, 0};
-  if (o.cast == Cast::kCone)
-    g = o.space == Space::kNdc ? cylinder_gaussian(sample.t0, sample.t1, ray.radius)
-                               : cone_gaussian(sample.t0, sample.t1, ray.radius);
-  const Vec3 mean = ray.origin + ray.direction * g.t_mean;
-  const bool warped = o.space == Space::kContract;
-  const Vec3 at = warped ? contract(mean) : mean;
-  const int64_t ld = chunk.stride(tape.position);
-  Real* position = chunk.data(tape.position) + column;
-  if (!o.integrated()) {
-    for (int k = 0; k < 3; ++k) position[k * ld] = at[k];
-    return;
-  }
-  Real* variance = chunk.data(tape.variance) + column;
-  const auto jacobian = warped ? contraction_jacobian(mean) : ContractionJacobian<Real>{1, 0, mean};
-  for (size_t k = 0; k < axes_.size(); ++k) {
-    const Vec3 q = jacobian(axes_[k]);
-    const Real along = dot(ray.direction, q);
-    const Real across = std::max(0.0_r, dot(q, q) - along * along / (ray.length * ray.length));
-    position[static_cast<int64_t>(k) * ld] = dot(axes_[k], at);
-    variance[static_cast<int64_t>(k) * ld] = g.t_variance * along * along + g.r_variance * across;
-  }
+  Real* variance = field_.options.integrated() ? chunk.data(tape.variance) + column : nullptr;
+  internal::place_gaussian(field_.options, axes_, ray, sample.t0, sample.t1,
+                           chunk.data(tape.position) + column, variance,
+                           chunk.stride(tape.position));
 }
 
 void NetworkLevels::place_rays(Level& level) {

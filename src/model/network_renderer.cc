@@ -121,8 +121,7 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
   const NetworkOptions& o = field.options;
   const int last = o.sampling.levels() - 1;
   constexpr int block = 256;  // points of a network call, each on a ray of its own
-  const auto axes =
-      o.encoding == Encoding::kOffAxis ? off_axis_directions() : std::span<const Vec3>();
+  const auto axes = encoding_axes(o);
   struct Worker {
     Worker(const NetworkField& f, int level, int points)
         : tape(f.options, f.network_of(level), points, points, NetworkTape::Purpose::kRender, {}),
@@ -152,8 +151,7 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
       const Vec3 d = (to_engine.rotation * normalized(directions[at])).cast<Real>();
       for (int k = 0; k < 3; ++k) c.data(own->tape.directions)[k * lr + i] = d[k];
       for (int k = 0; k < position_rows(o); ++k) {
-        c.data(own->tape.position)[k * ld + i] =
-            axes.empty() ? p[k] : dot(axes[static_cast<size_t>(k)], p);
+        c.data(own->tape.position)[k * ld + i] = dot(axes[static_cast<size_t>(k)], p);
         if (o.integrated()) c.data(own->tape.variance)[k * ld + i] = 0;
       }
       c.data(own->tape.delta)[i] = 1;

@@ -18,14 +18,14 @@ RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const NetworkField>
 
 bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel) {
   using internal::BakedOccupancy;
-  if (!network_ || network_->options.cast != Cast::kPoint || network_->options.integrated())
-    return false;
+  if (!network_ || !internal::can_bake(*network_, info_)) return false;
   const uint64_t samples = static_cast<uint64_t>(network_->options.sampling.all_samples());
   // Skipping saves more than half of a picture's evaluations.
   const uint64_t asked =
       network_->networks.size() * static_cast<uint64_t>(BakedOccupancy::kEvaluations);
   if (!baked_ && pixels * samples > 2 * asked)
-    baked_ = std::make_shared<BakedOccupancy>(internal::bake_occupancy(*network_, pool, cancel));
+    baked_ =
+        std::make_shared<BakedOccupancy>(internal::bake_occupancy(*network_, info_, pool, cancel));
   return baked_ != nullptr;
 }
 

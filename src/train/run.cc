@@ -24,7 +24,8 @@ constexpr double kPlanWithinHold = 0.8;
 constexpr double kLeastHold = 0.02;
 // For what late steps cost beside the drawing of their rays, whose change is measured.
 constexpr double kLateStep = 1.02;
-constexpr double kFirstSave = 0.25;  // of the interval between checkpoints
+constexpr double kFirstSave = 0.25;      // of the interval between checkpoints
+constexpr double kMostEvaluation = 0.1;  // of the time of training, where it is not short anyway
 constexpr double kEmptyOpacity = 0.001;
 constexpr double kEmptyShare = 0.02;  // of the photos' own opacity
 
@@ -104,8 +105,11 @@ class Run {
       next_save_ = result_.train_seconds + 60 * options_.checkpoint_every;
     }
     if (options_.eval_every > 0 && result_.train_seconds >= next_evaluation_) {
+      const double before = result_.evaluation_seconds;
       evaluate(/*last=*/false);
-      next_evaluation_ = result_.train_seconds + 60 * options_.eval_every;
+      const double took = result_.evaluation_seconds - before;
+      const double least = took > 1 ? took / kMostEvaluation : 0;
+      next_evaluation_ = result_.train_seconds + std::max(60 * options_.eval_every, least);
     }
   }
 

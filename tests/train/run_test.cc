@@ -1,5 +1,8 @@
 #include "nerf/train/run.h"
 
+#include <chrono>
+#include <thread>
+
 #include "nerf/base/file.h"
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
@@ -94,6 +97,24 @@ TEST(Run, IntervalsAreMinutesOfTraining) {
   run_training(trainer, options, callbacks, folder / "c");
   EXPECT_EQ(saved, 10);
   EXPECT_EQ(evaluated, 10);
+}
+
+// Ten times as long a training lies behind an evaluation as it took.
+TEST(Run, LongEvaluationsAreRare) {
+  const auto c = sphere_capture();
+  ThreadPool pool(1);
+  Trainer trainer(c.scene, c.photos, tiny_options(10), pool);
+  RunOptions options = quiet();
+  options.eval_every = 1e-9;
+  int evaluated = 0;
+  RunCallbacks callbacks;
+  callbacks.evaluate = [&](bool last) {
+    evaluated += !last;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1001));
+  };
+  const RunResult result = run_training(trainer, options, callbacks);
+  EXPECT_GE(evaluated, 1);
+  EXPECT_LE(10 * (evaluated - 1), result.train_seconds);
 }
 
 TEST(Run, StoppedAndResumedIsTheSameBits) {

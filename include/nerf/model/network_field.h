@@ -70,6 +70,8 @@ int position_rows(const NetworkOptions& options);
 // Directions of the off-axis encoding: the vertices of an icosahedron whose edges are halved, one
 // of each opposite pair (Barron et al. 2022, section 3; 21 unit vectors).
 std::span<const Vec3> off_axis_directions();
+// Of these options' encoding: those, or the three axes.
+std::span<const Vec3> encoding_axes(const NetworkOptions& options);
 
 // A level's network on a tape, with the values that a caller fills and reads.
 struct NetworkTape {

@@ -39,8 +39,8 @@ class NetworkLevels {
   NetworkLevels(const NetworkField& field, int rays, bool training, const NetworkLosses& losses);
   NetworkLevels(const NetworkField& field, int rays) : NetworkLevels(field, rays, false, {}) {}
 
-  // Pictures only: samples whose position cannot hold matter are not asked for. Null: all are. Only
-  // with Cast::kPoint; must outlive this.
+  // Pictures only: samples whose position cannot hold matter are not asked for. Null: all are.
+  // Must outlive this.
   void skip_empty(const internal::BakedOccupancy* occupancy) { occupancy_ = occupancy; }
 
   // Pictures only: every ray ends where NetworkRay::drawn_to says and begins at drawn_from. Without

@@ -20,8 +20,10 @@ struct RunOptions {
   // the same bits.
   double minutes = 0;
   double checkpoint_every = 2;  // minutes of training; 0: only at the end
-  double eval_every = 2;        // minutes of training; 0: only at the end
-  int empty_after = 500;        // steps after which a scene without any opacity counts as failed
+  // Minutes of training, more where an evaluation takes longer than a tenth of them; 0: only at the
+  // end.
+  double eval_every = 2;
+  int empty_after = 500;  // steps after which a scene without any opacity counts as failed
 };
 
 struct RunProgress {
