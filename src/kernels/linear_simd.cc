@@ -203,9 +203,9 @@ constexpr int64_t kMostWeights = 96 * 1024;
 template <Epilogue kEpilogue>
 void multiply(int rows, const Rows& w, const float* b, int depth, int64_t ld, int64_t n,
               const float* bias, const float* mask, float* out) {
-  const int64_t parts = (int64_t{rows} * depth + kMostWeights - 1) / kMostWeights;
-  const int at_once =
-      static_cast<int>(round_up((rows + parts - 1) / std::max<int64_t>(parts, 1), kRows));
+  const int64_t parts =
+      std::max<int64_t>((int64_t{rows} * depth + kMostWeights - 1) / kMostWeights, 1);
+  const int at_once = static_cast<int>(round_up((rows + parts - 1) / parts, kRows));
   for (int r = 0; r < rows; r += at_once)
     multiply_rows<kEpilogue>(
         std::min(at_once, rows - r), {w.a + r / kRows * w.block, w.block, w.row, w.column}, b,

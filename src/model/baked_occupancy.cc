@@ -170,7 +170,8 @@ std::vector<uint8_t> bake_level(const NetworkField& field, const ModelInfo& info
 
 bool can_bake(const NetworkField& field, const ModelInfo& info) {
   if (field.options.cast == Cast::kPoint) return !field.options.integrated();
-  return field.options.space == Space::kIdentity && !info.views.empty();
+  const bool even = field.options.sampling.spacing == Spacing::kUniform;
+  return even && field.options.space == Space::kIdentity && !info.views.empty();
 }
 
 BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,

@@ -57,9 +57,10 @@ class BakedOccupancy {
   std::vector<uint8_t> last_, before_;  // before_: empty where all levels share one network
 };
 
-// Points, and cones where space is not warped and the photos' cameras are known: around each point
-// a Gaussian of a random photo's cone is asked for, as long as an interval of the first level or
-// shorter. (In warped space cells are too coarse beside its intervals to save anything.)
+// Points, and cones where neither space nor distance is warped and the photos' cameras are known:
+// around each point a Gaussian of a random photo's cone is asked for, as long as an interval of the
+// first level or shorter. (In warped space cells are too coarse beside its intervals to save
+// anything.)
 bool can_bake(const NetworkField& field, const ModelInfo& info);
 
 // A cell counts as empty where none of its points, nor of its 26 neighbours', would stop as much as

@@ -9,8 +9,8 @@
 #include "model/homogeneous_field.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/renderer.h"
+#include "support/boxed_view.h"
 #include "support/cameras.h"
-#include "support/length_inside.h"
 #include "support/network_options.h"
 
 namespace nerf {
@@ -48,11 +48,9 @@ std::vector<Case> cases() {
 // also where the field goes on behind it, to an opaque end or without end.
 TEST(NetworkBox, NothingIsDrawnOutside) {
   const Similarity to_engine = tilted();
-  const Camera camera = test::pinhole(40, 30, 40);
-  Pose pose;  // from 9 units, 2.25 of the engine's, before the centre, along z
-  pose.translation = to_engine.center + Vec3d{0.3, -0.2, -9};
+  const auto [camera, pose, box] = test::boxed_view(to_engine);  // 2.25 engine units before it
   RenderOptions options;
-  options.bbox = Box3{to_engine.center + Vec3d{-2, -1.5, -2}, to_engine.center + Vec3d{1, 1, 1.5}};
+  options.bbox = box;
   ThreadPool pool(2);
   for (const Case& c : cases()) {
     const RadianceField field = homogeneous_network(c.options, to_engine, c.raw_density);

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "model/homogeneous_field.h"
+#include "support/boxed_view.h"
 #include "support/cameras.h"
-#include "support/length_inside.h"
 
 namespace nerf {
 namespace {
@@ -23,12 +23,11 @@ using test::tilted;
 TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
   const Similarity to_engine = tilted();
   const RadianceField field = homogeneous_field(to_engine);
-  const Camera camera = test::pinhole(40, 30, 40);
-  Pose pose;  // from 9 units before the centre, along z
-  pose.translation = to_engine.center + Vec3d{0.3, -0.2, -9};
+  // The box is small enough to lie inside the engine's cube at any angle: half its sides are 4
+  // units.
+  const auto [camera, pose, box] = test::boxed_view(to_engine);
   RenderOptions options;
-  // Small enough to lie inside the engine's cube at any angle: half its sides are 4 units.
-  options.bbox = Box3{to_engine.center + Vec3d{-2, -1.5, -2}, to_engine.center + Vec3d{1, 1, 1.5}};
+  options.bbox = box;
   ThreadPool pool(2);
   const Frame frame = render(field, camera, pose, options, pool);
   int inside = 0, outside = 0;
