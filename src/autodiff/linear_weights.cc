@@ -1,6 +1,7 @@
 #include "nerf/autodiff/linear_weights.h"
 
-#include "nerf/base/error.h"
+#include <algorithm>
+
 #include "nerf/kernels/linear_bf16.h"
 
 namespace nerf {
@@ -17,8 +18,7 @@ void place_packs(std::span<LinearWeights* const> layers) {
 
 void pack_layers(std::span<const LinearWeights> layers, const Real* weights, Precision precision,
                  LayerPacks& packs, ThreadPool& pool) {
-  NERF_CHECK(precision != Precision::kAuto);
-  const bool bf16 = precision == Precision::kBf16;
+  const bool bf16 = resolve_precision(precision) == Precision::kBf16;
   size_t size = 0;
   for (const LinearWeights& w : layers) {
     const int64_t own = bf16 ? packed_layer_size(w.in, w.out) : linear_pack_size(w.in, w.out);

@@ -178,8 +178,7 @@ BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, 
                               const Cancel* cancel) {
   NERF_CHECK(can_bake(field, info));
   LayerPacks packs;
-  pack_layers(field.layers(), field.weights.data(), resolve_precision(Precision::kAuto), packs,
-              pool);
+  pack_layers(field.layers(), field.weights.data(), Precision::kAuto, packs, pool);
   BakedOccupancy out;
   const int last = field.options.sampling.levels() - 1;
   out.last_ = bake_level(field, info, last, packs, pool, cancel);

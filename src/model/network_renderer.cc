@@ -42,8 +42,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
               std::vector<Real>(static_cast<size_t>(pixels)),
               std::vector<Real>(static_cast<size_t>(pixels))};
   LayerPacks packs;
-  pack_layers(field.layers(), field.weights.data(), resolve_precision(options.precision), packs,
-              pool);
+  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
   // Where most samples are skipped more rays fill a chunk.
   const int per_chunk = NetworkLevels::rays_per_chunk(field.options) * (occupancy ? 4 : 1);
   std::vector<std::unique_ptr<NetworkLevels>> levels(static_cast<size_t>(pool.size()));

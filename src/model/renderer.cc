@@ -26,8 +26,7 @@ Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& c
               std::vector<Real>(pixels)};
 
   LayerPacks packs;
-  pack_layers(field.layers(), field.weights.data(), resolve_precision(options.precision), packs,
-              pool);
+  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
 
   constexpr int kTile = 16;  // neighbouring rays read neighbouring table rows
   const int columns = (camera.width + kTile - 1) / kTile;

@@ -309,14 +309,15 @@ TEST(Gradient, AddGradient) {
     chunk.ray_begin = rays.data();
     std::fill(chunk.arena.begin(), chunk.arena.end(), 0.25_r);
     tape.forward(chunk);
-    for (int i = 0; i < 64; ++i) chunk.data(extra)[i] = static_cast<Real>(i);
+    const int ld = static_cast<int>(chunk.stride(x));
+    for (int i = 0; i < 2 * ld; ++i) chunk.data(extra)[i] = static_cast<Real>(i);
     tape.backward(chunk);
     const Real slope = 0.5621765_r * 0.4378235_r;  // of the sigmoid at 0.25
     for (int row = 0; row < 2; ++row)
       for (int s = 0; s < 32; ++s) {
-        const Real given = static_cast<Real>(row * 32 + s);
+        const Real given = static_cast<Real>(row * ld + s);
         const Real want = s >= 20 ? 0.0_r : shared ? given * (1 + slope) : given;
-        EXPECT_NEAR(chunk.gradient(x)[row * 32 + s], want, 1e-5_r * want) << row << ' ' << s;
+        EXPECT_NEAR(chunk.gradient(x)[row * ld + s], want, 1e-5_r * want) << row << ' ' << s;
       }
   }
 }

@@ -87,11 +87,10 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
   const int merged = n.sampling.resampling == Resampling::kCoarseFine ? n.sampling.coarse : 0;
   const int64_t all = 96 * (n.sampling.rounds * n.sampling.coarse + n.sampling.fine + merged);
   EXPECT_EQ(first.samples, all);
-  // A ReLU leaves the space around the sphere empty.
-  if (n.density == DensityActivation::kRelu)
-    EXPECT_LT(last.samples, all / 2);
-  else
-    EXPECT_EQ(last.samples, all);
+  // The space around the sphere is empty, or nearly, to all but a softplus's proposals.
+  const bool proposal = n.sampling.resampling == Resampling::kProposal;
+  EXPECT_LE(last.samples, proposal ? all : all / 2);
+  EXPECT_GE(last.samples, proposal ? all - 96 * n.sampling.fine : 96);
   const RadianceField field = trainer.snapshot();
   EXPECT_EQ(field.info().method, GetParam());
   const Evaluation e = evaluate(field, c.scene, c.photos, {}, pool);

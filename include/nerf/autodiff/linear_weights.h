@@ -41,7 +41,7 @@ struct LayerPacks {
 // Places the layers' packs one behind the other.
 void place_packs(std::span<LinearWeights* const> layers);
 // Packs the layers anew, for Chunk::packs: after every change of the weights. Allocates at the
-// first call only. precision: kF32 or kBf16.
+// first call only. kAuto is what resolve_precision() says.
 void pack_layers(std::span<const LinearWeights> layers, const Real* weights, Precision precision,
                  LayerPacks& packs, ThreadPool& pool);
 
