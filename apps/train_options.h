@@ -97,8 +97,7 @@ struct TrainCommand {
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "
-      "a "
-      "tenth of them; 0: only at the end",
+      "a tenth of them; 0: only at the end",
       at_least(0));
     v("eval_views", eval_views,
       "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0));

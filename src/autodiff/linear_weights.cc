@@ -24,8 +24,8 @@ void pack_layers(std::span<const LinearWeights> layers, const Real* weights, Pre
     const int64_t own = bf16 ? packed_layer_size(w.in, w.out) : linear_pack_size(w.in, w.out);
     size = std::max(size, (bf16 ? w.packed_bf16 : w.packed) + static_cast<size_t>(own));
   }
-  if (bf16 && packs.bf16.size() == 0) packs.bf16 = AlignedArray<uint16_t>(size);
-  if (!bf16 && packs.f32.size() == 0) packs.f32 = AlignedArray<Real>(size);
+  if (bf16 && packs.bf16.size() < size) packs.bf16 = AlignedArray<uint16_t>(size);
+  if (!bf16 && packs.f32.size() < size) packs.f32 = AlignedArray<Real>(size);
   pool.parallel_for(static_cast<int64_t>(layers.size()), [&](int64_t i) {
     const LinearWeights& w = layers[static_cast<size_t>(i)];
     if (bf16)

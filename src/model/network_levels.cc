@@ -81,12 +81,7 @@ uint64_t NetworkLevels::memory_bytes(const NetworkOptions& options, int rays, bo
   return floats * sizeof(Real);
 }
 
-bool NetworkLevels::can_skip(size_t level) const {
-  return training_ && can_skip_level(field_.options, losses_, level + 1 == levels_.size());
-}
-bool NetworkLevels::can_skip() const {  // the last level can if any can
-  return can_skip(levels_.size() - 1);
-}
+bool NetworkLevels::can_skip() const { return levels_.back()->probe != nullptr; }
 
 void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip) {
   rays_ = rays;

@@ -15,7 +15,6 @@ namespace nerf {
 namespace {
 
 using test::homogeneous_field;
-using test::length_inside;
 using test::tilted;
 
 // Opacity 1 - exp(-density * length) of the part of each ray inside the box, whose axes are the
@@ -25,24 +24,12 @@ TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
   const RadianceField field = homogeneous_field(to_engine);
   // The box is small enough to lie inside the engine's cube at any angle: half its sides are 4
   // units.
-  const auto [camera, pose, box] = test::boxed_view(to_engine);
+  const test::BoxedView view = test::boxed_view(to_engine);
   RenderOptions options;
-  options.bbox = box;
+  options.bbox = view.box;
   ThreadPool pool(2);
-  const Frame frame = render(field, camera, pose, options, pool);
-  int inside = 0, outside = 0;
-  for (int y = 0; y < camera.height; ++y)
-    for (int x = 0; x < camera.width; ++x) {
-      const Vec3d direction = normalized(*unproject(camera, {x + 0.5, y + 0.5}));
-      const double length = length_inside(pose.translation, direction, *options.bbox);
-      const double want = 1 - std::exp(-length * to_engine.scale);
-      const double got = frame.alpha[static_cast<size_t>(y * camera.width + x)];
-      // Float positions of about 3 engine units, up to 48 samples.
-      EXPECT_NEAR(got, want, 2e-5) << "pixel " << x << ' ' << y;
-      (length > 0 ? inside : outside)++;
-    }
-  EXPECT_GT(inside, 100);
-  EXPECT_GT(outside, 100);
+  test::expect_opacity_inside(view, to_engine,
+                              render(field, view.camera, view.pose, options, pool));
 }
 
 // What is left without colour is missing from a pixel, never more of it than the option says.

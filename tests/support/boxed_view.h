@@ -1,10 +1,14 @@
 // A view of a box, and how far its rays run inside.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
+#include <cmath>
 
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/renderer.h"
 #include "support/cameras.h"
 
 namespace nerf::test {
@@ -33,6 +37,24 @@ inline BoxedView boxed_view(const Similarity& to_engine) {
   view.pose.translation = to_engine.center + Vec3d{0.3, -0.2, -9};
   view.box = {to_engine.center + Vec3d{-2, -1.5, -2}, to_engine.center + Vec3d{1, 1, 1.5}};
   return view;
+}
+
+// Of a medium of density 1 per engine unit that is drawn inside the box alone: opacity
+// 1 - exp(-length).
+inline void expect_opacity_inside(const BoxedView& view, const Similarity& to_engine,
+                                  const Frame& frame) {
+  int inside = 0, outside = 0;
+  for (int y = 0; y < view.camera.height; ++y)
+    for (int x = 0; x < view.camera.width; ++x) {
+      const Vec3d direction = normalized(*unproject(view.camera, {x + 0.5, y + 0.5}));
+      const double length = length_inside(view.pose.translation, direction, view.box);
+      const double got = frame.alpha[static_cast<size_t>(y * view.camera.width + x)];
+      // Float positions of about 3 engine units, up to 48 samples.
+      EXPECT_NEAR(got, 1 - std::exp(-length * to_engine.scale), 2e-5) << x << ' ' << y;
+      (length > 0 ? inside : outside)++;
+    }
+  EXPECT_GT(inside, 100);
+  EXPECT_GT(outside, 100);
 }
 
 }  // namespace nerf::test

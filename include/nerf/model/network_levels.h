@@ -26,10 +26,10 @@ struct NetworkLosses {
   Real charbonnier = 0;    // epsilon of the colour loss; 0: squared error
   Real density_noise = 0;  // standard deviation of what is added to the raw density
   // Share of a ray's light below which a sample is negligible in a training that skips. Of a
-  // softplus's samples it is that of the sample's weight w: with x = density x length the
-  // derivative of the pixel by the raw density is at most w x (e^x - 1)^-1 x <= w times a
-  // difference of colours, and w by the sample's colour. Of a ReLU's, whose derivative does not
-  // fall with the density, that of the light that reaches the sample.
+  // softplus's samples it is the weight w: with the optical thickness x the pixel's derivative by
+  // the raw density is at most w x / (e^x - 1) <= w times a difference of colours, and w by the
+  // sample's colour. Of a ReLU's, whose derivative does not fall with the density, it is the light
+  // that reaches the sample.
   Real negligible = 0;
 };
 
@@ -127,7 +127,6 @@ class NetworkLevels {
   void keep_dense(Level& level);
   void place_drawn(Level& level, int samples);
   void spread_weights(Level& level, int samples);
-  bool can_skip(size_t level) const;
   // body(column) for every sample that is needed, end_of_ray(ray) behind each ray.
   template <class Body, class EndOfRay>
   void each_needed(const NetworkTape& tape, const Chunk& chunk, const Body& body,
