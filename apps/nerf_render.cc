@@ -66,7 +66,7 @@ int render_main(int argc, char** argv) {
   bake(field, plan, pool, stop.cancel());
 
   RenderOptions options;
-  options.background = command.background;
+  options.background = command.background.value_or(field.info().background);
   options.bbox = command.bbox;
   options.precision = command.precision;
   options.supersample = command.supersample;

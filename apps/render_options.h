@@ -57,7 +57,7 @@ struct RenderCommand {
   std::filesystem::path mp4;
   bool depth = true;
   std::optional<Box3> bbox;
-  Vec3 background{1, 1, 1};
+  std::optional<Vec3> background;
   int supersample = 0;
   Precision precision = Precision::kAuto;
   int threads = 0;
@@ -80,8 +80,10 @@ struct RenderCommand {
     v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", metavar("FILE"));
     v("depth", depth, "colour-mapped depth pictures in DIR/depth");
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
-    v("background", background, "sRGB colour behind the scene, each 0 to 1", at_least(0),
-      at_most(1), metavar("R,G,B"));
+    v("background", background,
+      "sRGB colour behind the scene, each 0 to 1; without it the one that the model was compared "
+      "over",
+      at_least(0), at_most(1), metavar("R,G,B"));
     v("supersample", supersample,
       "rays along a pixel's side, averaged; 0: with the grid method so many that none is wider "
       "than a pixel of the photos, else one",

@@ -76,7 +76,7 @@ void compare_rendering(const fs::path& run, int views, int threads) {
     std::printf("\nempty space found in %.1f s\n",
                 std::chrono::duration<double>(std::chrono::steady_clock::now() - baking).count());
   RenderOptions skip;
-  skip.background = evaluation_background(scene.alpha);
+  skip.background = evaluation_background(field.info());
   RenderOptions all = skip;
   all.unclipped = true;
   all.unshaded = 0;

@@ -110,7 +110,7 @@ class Skips {
       throw Error("no photo was held out from this run", run_.string(),
                   "give a run that was trained with --holdout split");
     const PhotoSet photos = load_photos(scene, pool_);
-    const Vec3 background = evaluation_background(scene.alpha);
+    const Vec3 background = evaluation_background(field_.info());
     for (Setting& s : settings_) s.options.background = background;
     // The first picture pays for memory that later ones find ready.
     render(field_, photos.cameras[0], scene.views[0].pose, settings_[0].options, pool_);

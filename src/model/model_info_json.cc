@@ -75,6 +75,7 @@ Json model_info_to_json(const ModelInfo& info) {
   return {{"method", info.method},
           {"unbounded", info.unbounded},
           {"alpha", info.alpha},
+          {"background", {info.background.x, info.background.y, info.background.z}},
           {"near", info.near},
           {"far", info.far},
           {"to_engine",
@@ -89,6 +90,14 @@ ModelInfo model_info_from_json(const JsonFields& header) {
   info.method = header.text("method");
   info.unbounded = header.boolean("unbounded");
   info.alpha = header.boolean("alpha");
+  if (header.has("background")) {  // files from before it could be chosen have none
+    const Vec3d colour = vector_from(header, "background");
+    for (int k = 0; k < 3; ++k) {
+      if (!(colour[k] >= 0 && colour[k] <= 1))
+        header.fail("expected colours from 0 to 1", "background");
+      info.background[k] = static_cast<Real>(colour[k]);
+    }
+  }
   info.near = header.number("near");
   info.far = header.number("far");
   const JsonFields frame = header.object("to_engine");

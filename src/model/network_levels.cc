@@ -28,8 +28,10 @@ bool can_skip_level(const NetworkOptions& options, const NetworkLosses& losses, 
 }  // namespace
 
 int NetworkLevels::rays_per_chunk(const NetworkOptions& options) {
-  constexpr int kSamples = 512;  // activations of a layer stay in the second-level cache
-  return std::max(1, kSamples / options.sampling.most_posts());
+  // Weights are read and their gradients written once per chunk, so that chunks should be long; but
+  // a layer's activations should stay in a second-level cache (measured: docs/benchmarks.md).
+  const int samples = options.width <= 256 ? 800 : 512;
+  return std::max(1, samples / options.sampling.most_posts());
 }
 
 NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,

@@ -63,7 +63,9 @@ double mean(const std::vector<ViewScore>& views, std::optional<double> ViewScore
 
 }  // namespace
 
-Vec3 evaluation_background(bool alpha) { return alpha ? Vec3{1, 1, 1} : Vec3{0.5_r, 0.5_r, 0.5_r}; }
+Vec3 evaluation_background(const ModelInfo& info) {
+  return info.alpha ? info.background : Vec3{0.5_r, 0.5_r, 0.5_r};
+}
 
 Image8 photo_over(const Photo& photo, const Vec3& background) {
   ImageF image{photo.width, photo.height, 3, {}};
@@ -109,7 +111,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   field.bake(pixels, pool, cancel);
   if (!options.pictures.empty()) make_writable_folder(options.pictures);
   RenderOptions render_options;
-  render_options.background = evaluation_background(scene.alpha);
+  render_options.background = evaluation_background(model.info());
   render_options.precision = options.precision;
   Evaluation result;
   std::set<std::string> used;

@@ -37,6 +37,7 @@ class NerfRender : public testing::Test {
  protected:
   NerfRender() : run_((folder_.path() / "run").string()), out_((folder_.path() / "out").string()) {
     ModelInfo info;
+    info.background = {0, 1, 0.5_r};
     info.near = 0.1;
     info.far = 4;
     for (int i = 0; i < 6; ++i) {
@@ -89,6 +90,20 @@ TEST_F(NerfRender, TestViewsKeepTheirNames) {
   EXPECT_NE(first.find(precision_name(resolve_precision(Precision::kAuto))), std::string::npos)
       << first;
   EXPECT_EQ(result.out, "");
+}
+
+TEST_F(NerfRender, BackgroundIsTheModelsUnlessChosen) {
+  const auto corner = [&](std::vector<std::string> more) {
+    // Next to nothing is drawn, and it is not in the corner.
+    more.insert(more.begin(), {run_, "-o", out_, "--no-depth", "--bbox", "0,0,0,0.1,0.1,0.1"});
+    const ProgramResult result = render_program(more);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    std::vector<uint8_t> pixels = read_image_8bit(fs::path(out_) / "left/img0.png").pixels;
+    pixels.resize(3);
+    return pixels;
+  };
+  EXPECT_EQ(corner({}), (std::vector<uint8_t>{0, 255, 128}));
+  EXPECT_EQ(corner({"--background", "1,0,0.2"}), (std::vector<uint8_t>{255, 0, 51}));
 }
 
 // Pictures smaller than the photos do not alias, unless one ray per pixel is asked for.

@@ -24,6 +24,7 @@ ModelInfo sample_info() {
   info.to_engine.center = {1e-9, -3.25, 1.0 / 3};
   info.to_engine.rotation.m = {{{0, -1, 0}, {1, 0, 0}, {0, 0, 1}}};
   info.alpha = true;
+  info.background = {0, 0.25_r, 1};
   info.near = 0.01;
   info.far = 7.5;
   for (int i = 0; i < 2; ++i) {
@@ -89,6 +90,7 @@ TEST(ModelFile, KeepsEverything) {
     EXPECT_EQ(b.method, "grid");
     EXPECT_EQ(a.unbounded, b.unbounded);
     EXPECT_EQ(a.alpha, b.alpha);
+    EXPECT_EQ(a.background, b.background);
     EXPECT_EQ(a.near, b.near);
     EXPECT_EQ(a.far, b.far);
     EXPECT_EQ(a.to_engine.scale, b.to_engine.scale);
@@ -196,6 +198,9 @@ TEST(ModelFile, HeadersOfOtherProgramsAreChecked) {
   EXPECT_EQ(reading_with("\"alpha\":true", "\"alpha\":false"), "");
   EXPECT_TRUE(
       contains(reading_with("\"alpha\":true", "\"alpha\":1"), "alpha: expected true or false"));
+  EXPECT_EQ(reading_with("\"background\":[0.0,0.25,1.0],", ""), "");
+  EXPECT_TRUE(contains(reading_with("[0.0,0.25,1.0]", "[0.0,0.25,2.0]"), "background"));
+  EXPECT_TRUE(contains(reading_with("[0.0,0.25,1.0]", "[0.0,0.25]"), "a list of 3 numbers"));
   EXPECT_TRUE(contains(reading_with("\"near\":0.01", "\"near\":null"), "near: expected a number"));
   EXPECT_TRUE(contains(reading_with("\"near\":0.01", "\"near\":1e999"), "not valid JSON"));
   EXPECT_TRUE(contains(reading_with("\"method\":\"grid\"", "\"method\":\"nerf\""),

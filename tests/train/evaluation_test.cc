@@ -42,11 +42,11 @@ class EvaluationTest : public ::testing::Test {
   // What is compared: photo and rendering of a view over white.
   static Image8 photo_of(int view) {
     return photo_over(trained->capture.photos.photos[static_cast<size_t>(view)],
-                      evaluation_background(true));
+                      evaluation_background(trained->field.info()));
   }
   static Image8 rendering_of(int view) {
     RenderOptions options;
-    options.background = evaluation_background(true);
+    options.background = evaluation_background(trained->field.info());
     const size_t v = static_cast<size_t>(view);
     Frame frame = render(trained->field, trained->capture.photos.cameras[v],
                          trained->capture.scene.views[v].pose, options, trained->pool);
@@ -196,9 +196,15 @@ TEST(Evaluation, PhotoOverBackground) {
   photo.height = 1;
   photo.channels = 4;
   photo.pixels8 = {255, 0, 128, 255, 10, 20, 30, 0};
-  const Image8 white = photo_over(photo, evaluation_background(true));
+  ModelInfo info;
+  info.alpha = true;
+  const Image8 white = photo_over(photo, evaluation_background(info));
   EXPECT_EQ(white.pixels, (std::vector<uint8_t>{255, 0, 128, 255, 255, 255}));
-  const Image8 grey = photo_over(photo, evaluation_background(false));
+  info.background = {0, 0, 0};
+  const Image8 black = photo_over(photo, evaluation_background(info));
+  EXPECT_EQ(black.pixels, (std::vector<uint8_t>{255, 0, 128, 0, 0, 0}));
+  info.alpha = false;
+  const Image8 grey = photo_over(photo, evaluation_background(info));
   EXPECT_EQ(grey.pixels, (std::vector<uint8_t>{255, 0, 128, 128, 128, 128}));
 }
 

@@ -98,6 +98,25 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
   EXPECT_GT(e.psnr, 22);
 }
 
+// What is opaque stays so, and nothing stands in the empty space that imitates white.
+TEST_P(NetworkTraining, LearnsOverBlack) {
+  const auto c = sphere_capture(24, 32);
+  ThreadPool pool(2);
+  TrainOptions options = tiny_method_options(GetParam(), 400);
+  options.background = Background::kBlack;
+  Trainer trainer(c.scene, c.photos, options, pool);
+  trainer.run({});
+  const RadianceField field = trainer.snapshot();
+  EXPECT_EQ(field.info().background, (Vec3{0, 0, 0}));
+  EXPECT_GT(evaluate(field, c.scene, c.photos, {}, pool).psnr, 18);
+  RenderOptions over_black;
+  over_black.background = field.info().background;
+  const size_t view = static_cast<size_t>(c.scene.test.front());
+  const Frame frame =
+      render(field, c.photos.cameras[view], c.scene.views[view].pose, over_black, pool);
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(frame.rgb[static_cast<size_t>(k)], 0, 0.1) << k;
+}
+
 // Cameras side by side that all look the same way.
 test::SyntheticCapture forward_facing_capture() {
   test::SyntheticCapture c = sphere_capture(20, 32);
@@ -151,6 +170,7 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
     return bits_after(c, 1, other, 3) != usual;
   };
   EXPECT_TRUE(differs([](TrainOptions& o) { o.seed = 2; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.background = Background::kBlack; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.one_photo = !o.recipe.one_photo; }) ||
               options.recipe.crop_steps >= 3);
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.crop = 0.25; }) ||

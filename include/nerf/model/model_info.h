@@ -23,6 +23,7 @@ struct ModelInfo {
   Similarity to_engine;          // input coordinates to engine coordinates (+z up)
   bool unbounded = false;
   bool alpha = false;        // trained on photos with alpha: a background can be chosen
+  Vec3 background{1, 1, 1};  // sRGB; behind evaluations and pictures where none is chosen
   double near = 0, far = 0;  // engine units
 };
 

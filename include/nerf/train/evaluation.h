@@ -47,8 +47,8 @@ struct Evaluation {
   double seconds = 0;
 };
 
-// What is seen where nothing is: white where photos carry alpha, else mid-grey.
-Vec3 evaluation_background(bool alpha);
+// What is seen where nothing is: the model's background where photos carry alpha, else mid-grey.
+Vec3 evaluation_background(const ModelInfo& info);
 
 // The photo in 8 bits, over `background` where it carries alpha.
 Image8 photo_over(const Photo& photo, const Vec3& background);

@@ -1,6 +1,7 @@
 // Training of a radiance field, step by step.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -28,10 +29,22 @@ namespace internal {
 std::vector<std::string> method_choices();  // of the table in methods.cc
 }
 
+// What photos with alpha are laid over. The grid method trains over random colours whatever is
+// chosen: no matter can imitate them.
+enum class Background { kWhite, kBlack };
+inline auto option_names(Background) {
+  return std::array{OptionName{Background::kWhite, "white"},
+                    OptionName{Background::kBlack, "black"}};
+}
+inline Vec3 colour_of(Background b) {
+  return b == Background::kWhite ? Vec3{1, 1, 1} : Vec3{0, 0, 0};
+}
+
 struct TrainOptions {
   std::string method = kGridMethod;  // see methods.h
   uint64_t seed = 1;
-  int64_t steps = 0;                       // planned length: the rate falls over it
+  int64_t steps = 0;  // planned length: the rate falls over it
+  Background background = Background::kWhite;
   int batch_samples = 1 << 16;             // network samples of a step
   double rate = 2e-2;                      // of the tables, or of all networks
   Precision precision = Precision::kAuto;  // of the networks' products; a trainer resolves it
@@ -57,6 +70,9 @@ struct TrainOptions {
     v("method", method, "what is trained; see --list-methods", one_of(internal::method_choices()));
     v("seed", seed, "of every random number");
     v("steps", steps, "length of the training; the step size falls over it", at_least(0));
+    v("background", background,
+      "colour that photos with alpha are laid over, where they are compared and where a paper's "
+      "method trains on them; other photos need none");
     v("batch_samples", batch_samples, "network samples of a step", at_least(960), at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
     v("precision", precision,
