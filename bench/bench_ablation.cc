@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <sstream>
 
 #include "app.h"
 #include "bench_commands.h"
@@ -31,6 +32,7 @@ struct AblationOptions {
   int downscale = 1;
   uint64_t seed = 1;
   int threads = 0;
+  std::string with;
   std::string filter;
 
   template <class V>
@@ -47,10 +49,14 @@ struct AblationOptions {
     v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
     v("seed", seed, "of every random number");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
+    v("with", with,
+      "further options of nerf_train for every training, as in --with=\"--network-space ndc\"",
+      metavar("OPTIONS"));
     v("filter", filter, "only variants whose name contains this; the whole method always",
       metavar("TEXT"));
   }
-  void check_options() const { variants(); }
+  // Throws Error for a training that nerf_train would refuse.
+  void check_options() const;
 
   struct Variant {
     std::string name;
@@ -58,6 +64,7 @@ struct AblationOptions {
   };
   // The method itself, then one part less each. Throws Error for a method without such parts.
   std::vector<Variant> variants() const;
+  std::vector<std::string> arguments(const Variant& variant) const;  // of nerf_train
 };
 
 std::vector<AblationOptions::Variant> AblationOptions::variants() const {
@@ -79,9 +86,10 @@ std::vector<AblationOptions::Variant> AblationOptions::variants() const {
   if (n.encoding == Encoding::kOffAxis)
     add("without off-axis directions", {"--network-encoding", "integrated"});
   if (s.resampling == Resampling::kProposal)
-    add("without proposals", {"--network-sampling-resampling", "blurred", "--network-shared",
-                              "--network-proposal-colour", "--recipe-interlevel", "0",
-                              "--recipe-coarse", "0.1", "--no-recipe-anneal"});
+    add("without proposals",
+        {"--network-sampling-resampling", "blurred", "--network-shared",
+         "--network-proposal-colour", "--network-sampling-padding", "0.01", "--recipe-interlevel",
+         "0", "--recipe-coarse", "0.1", "--no-recipe-anneal"});
   // As many evaluations, all of them even.
   const int all =
       s.rounds * s.coarse + s.fine + (s.resampling == Resampling::kCoarseFine ? s.coarse : 0);
@@ -95,16 +103,22 @@ std::vector<AblationOptions::Variant> AblationOptions::variants() const {
   return out;
 }
 
-std::vector<std::string> common_arguments(const AblationOptions& o) {
-  std::vector<std::string> out =
-      training_arguments(o.scene, o.split, o.downscale, o.seed, o.threads);
-  out.insert(out.end(), {"--method", o.method, "--scale",
-                         std::get<std::string>(OptionTraits<Scale>::to_value(o.scale))});
-  if (o.steps > 0)
-    out.insert(out.end(), {"--steps", std::to_string(o.steps)});
+std::vector<std::string> AblationOptions::arguments(const Variant& variant) const {
+  std::vector<std::string> out = training_arguments(scene, split, downscale, seed, threads);
+  out.insert(out.end(), {"--method", method, "--scale",
+                         std::get<std::string>(OptionTraits<Scale>::to_value(scale))});
+  if (steps > 0)
+    out.insert(out.end(), {"--steps", std::to_string(steps)});
   else
-    out.insert(out.end(), {"--minutes", fmt::format("{}", o.minutes)});
+    out.insert(out.end(), {"--minutes", fmt::format("{}", minutes)});
+  std::istringstream further(with);
+  for (std::string word; further >> word;) out.push_back(word);
+  out.insert(out.end(), variant.arguments.begin(), variant.arguments.end());
   return out;
+}
+
+void AblationOptions::check_options() const {
+  for (const Variant& variant : variants()) check_training(arguments(variant));
 }
 
 ErrorCurve measure(const AblationOptions& options) {
@@ -126,12 +140,11 @@ ErrorCurve measure(const AblationOptions& options) {
   ChartSeries series{options.method, {}, false};
   double whole = 0;
   for (const AblationOptions::Variant& variant : options.variants()) {
-    std::vector<std::string> arguments = common_arguments(options);
-    arguments.insert(arguments.end(), variant.arguments.begin(), variant.arguments.end());
     log_info("training " + variant.name);
     std::string folder = variant.name;
     std::replace(folder.begin(), folder.end(), ' ', '_');
-    const ChildTraining t = train_in_child(std::move(arguments), options.out / "runs" / folder);
+    const ChildTraining t =
+        train_in_child(options.arguments(variant), options.out / "runs" / folder);
     if (t.result["psnr"].is_null())
       throw Error("no photo is held out, so that nothing can be measured", options.scene.string(),
                   "--split test holds out others than --split dev");

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "nerf/io/scene.h"
@@ -15,13 +16,16 @@ int bench_error(int argc, char** argv);
 int bench_ablation(int argc, char** argv);
 
 // The held-out views of the capture that a run was trained on; `most_views` of them, spread evenly,
-// or all where that is 0. Other views are not in it.
-Scene held_out_scene(const std::filesystem::path& run, int most_views);
+// or all where that is 0, their photos divided by `downscale`, without it as in training. Other
+// views are not in it.
+Scene held_out_scene(const std::filesystem::path& run, int most_views,
+                     std::optional<int> downscale = {});
 
 // Renders the held-out views of a run (`views` of them, spread evenly; 0: all) with and without
 // everything that rendering leaves out and prints how long it took and how much they differ, from
 // each other and in PSNR against their photos. Masked-out pixels count nowhere.
-void compare_rendering(const std::filesystem::path& run, int views, int threads);
+void compare_rendering(const std::filesystem::path& run, int views, int threads,
+                       std::optional<int> downscale = {});
 
 double median(std::vector<double> values);  // not empty
 

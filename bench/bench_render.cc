@@ -31,22 +31,26 @@ double mean(const std::vector<double>& values) {
 struct RenderBenchOptions {
   fs::path run;
   int views = 0;
+  std::optional<int> downscale;
   int threads = 0;
 
   template <class V>
   void visit_options(V& v) {
     v("run", run, "folder that nerf_train wrote", positional(), required(), metavar("RUN"));
     v("views", views, "held-out views, spread evenly; 0: all", at_least(0));
+    v("downscale", downscale, "divides the photos' size; without it as in training", at_least(1),
+      at_most(64));
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
   }
 };
 
 }  // namespace
 
-Scene held_out_scene(const fs::path& run, int most_views) {
+Scene held_out_scene(const fs::path& run, int most_views, std::optional<int> downscale) {
   TrainCommand command;
   const fs::path options = run / "options.json";
   options_from_json(command, read_text_file(options), options.string());
+  command.downscale = downscale.value_or(command.downscale);
   command.out = run;  // where poses of a folder of photos already are
   Scene scene = load_scene(command.scene, command.scene_options());
   const size_t n = scene.test.size();
@@ -65,10 +69,10 @@ double median(std::vector<double> v) {
   return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
 }
 
-void compare_rendering(const fs::path& run, int views, int threads) {
+void compare_rendering(const fs::path& run, int views, int threads, std::optional<int> downscale) {
   RadianceField field = RadianceField::load(run / "model.nerf");
   ThreadPool pool(threads);
-  const Scene scene = held_out_scene(run, views);
+  const Scene scene = held_out_scene(run, views, downscale);
   if (scene.views.empty()) return;
   const PhotoSet photos = load_photos(scene, pool);
   const auto baking = std::chrono::steady_clock::now();
@@ -115,7 +119,7 @@ int bench_render(int argc, char** argv) {
                          "Held-out views of a run with and without what rendering leaves out.", ""};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
   log_machine("nerf_bench render", ThreadPool(options.threads).size(), Precision::kAuto);
-  compare_rendering(options.run, options.views, options.threads);
+  compare_rendering(options.run, options.views, options.threads, options.downscale);
   return kExitOk;
 }
 

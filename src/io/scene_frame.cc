@@ -186,6 +186,14 @@ void bounded_near_far(Scene& scene) {
   scene.far = far;
 }
 
+// NeRF's load_blender.py: 2 to 6, for cameras that stand 4 units away from the origin.
+void published_near_far(Scene& scene) {
+  for (const View& view : scene.views)
+    if (!(std::abs(length(view.pose.translation) - 4) < 0.25)) return;
+  scene.published_near = 2 * scene.to_engine.scale;
+  scene.published_far = 6 * scene.to_engine.scale;
+}
+
 void unbounded_near_far(const SceneInput& input, Scene& scene, bool has_focus) {
   const std::vector<char> good = supported_points(scene.points);
   std::vector<double> distances;
@@ -295,6 +303,7 @@ void choose_frame(const SceneInput& input, Scene& scene) {
     unbounded_near_far(input, scene, focus.has_value());
   } else {
     bounded_near_far(scene);
+    if (input.blender && !scene.options.bbox) published_near_far(scene);
   }
   report.up = up;
   report.near = scene.near / to_engine.scale;

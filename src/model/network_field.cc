@@ -142,6 +142,9 @@ void NetworkOptions::check_options() const {
   if (sampling.resampling == Resampling::kCoarseFine && sampling.rounds > 0 && sampling.coarse < 4)
     throw Error("coarse+fine resampling needs at least 4 coarse samples",
                 "--network-sampling-coarse", "give 4 or more");
+  if (space == Space::kNdc && sampling.spacing == Spacing::kInverse)
+    throw Error("normalised device coordinates are even in inverse depth already, from 0 on",
+                "--network-sampling-spacing", "take uniform with --network-space ndc");
   if (image_code > 0 && !view_dependence)
     throw Error("photos' codes join the view direction, which colours do not depend on",
                 "--network-image-code", "leave it out, or --network-view-dependence on");

@@ -6,17 +6,13 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/nearest_name.h"
+#include "train/method_rows.h"
 
 namespace nerf {
 
 namespace {
 
-struct Row {
-  const char* name;
-  const char* source;
-  // Fills in the publication's setting.
-  void (*paper)(TrainOptions&);
-};
+using internal::MethodRow;
 
 // bmild/nerf, paper_configs/blender_config.txt.
 void nerf_paper(TrainOptions& o) {
@@ -90,7 +86,7 @@ void mipnerf360_paper(TrainOptions& o) {
   o.recipe.anneal = true;
 }
 
-constexpr Row kRows[] = {
+constexpr MethodRow kRows[] = {
     {"nerf", "Mildenhall et al. 2020", nerf_paper},
     {"mipnerf", "Barron et al. 2021", mipnerf_paper},
     {"mipnerf360", "Barron et al. 2022", mipnerf360_paper},
@@ -117,25 +113,75 @@ void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
   o.recipe.anneal_steps = 2000;  // a plan of minutes does not know its length while it begins
 }
 
+template <class E>
+std::string name_of(E value) {
+  return std::get<std::string>(OptionTraits<E>::to_value(value));
+}
+
+constexpr size_t kColumns = 11;
+using Line = std::array<std::string, kColumns>;
+
+Line grid_line() {
+  const GridOptions g = method_options(kGridMethod, Scale::kPaper).grid;
+  return {kGridMethod,
+          g.cone_points > 1 ? "cone" : "point",
+          "identity/contract",
+          fmt::format("hash grid {}x{}", g.levels, g.features),
+          fmt::format("up to {}", g.sampler.max_samples),
+          "occupancy march",
+          fmt::format("{}x{} + {}x{}", g.density_layers, g.hidden, g.colour_layers, g.hidden),
+          "exp",
+          "background",
+          "Huber",
+          "Mueller et al. 2022"};
+}
+
+std::string losses_of(const NetworkRecipe& r) {
+  std::string out = r.charbonnier > 0 ? fmt::format("Charbonnier {}", r.charbonnier) : "squared";
+  if (r.coarse > 0) out += fmt::format(", {} of coarse levels", r.coarse);
+  if (r.interlevel > 0) out += fmt::format(", interlevel {}", r.interlevel);
+  if (r.distortion > 0) out += fmt::format(", distortion {}", r.distortion);
+  return out;
+}
+
+Line line_of(const MethodRow& row) {
+  const TrainOptions o = internal::options_of(row, Scale::kPaper);
+  const NetworkOptions& n = o.network;
+  std::string samples;
+  for (int i = 0; i < n.sampling.rounds; ++i) samples += fmt::format("{}+", n.sampling.coarse);
+  samples += std::to_string(n.sampling.fine);
+  if (n.sampling.spacing == Spacing::kInverse) samples += " inverse";
+  std::string networks = fmt::format("{}x{}", n.depth, n.width);
+  if (!n.shared) networks = fmt::format("{}x{} + ", n.proposal_depth, n.proposal_width) + networks;
+  return {row.name,
+          name_of(n.cast),
+          name_of(n.space),
+          fmt::format("{} {}/{}", name_of(n.encoding), n.position_degrees, n.direction_degrees),
+          samples,
+          name_of(n.sampling.resampling),
+          networks,
+          name_of(n.density),
+          n.opaque_end ? "opaque end" : "background",
+          losses_of(o.recipe),
+          row.source};
+}
+
 }  // namespace
 
 std::vector<std::string> internal::method_choices() {
   std::vector<std::string> names{kGridMethod};
-  for (const Row& row : kRows) names.emplace_back(row.name);
+  for (const MethodRow& row : kRows) names.emplace_back(row.name);
   return names;
 }
 
+std::span<const MethodRow> internal::method_rows() { return kRows; }
+
 std::vector<std::string> method_names() { return internal::method_choices(); }
 
-TrainOptions method_options(const std::string& method, Scale scale) {
+TrainOptions internal::options_of(const MethodRow& row, Scale scale) {
   TrainOptions o;
-  o.method = method;
-  if (method == kGridMethod) return o;
-  const auto row = std::ranges::find_if(kRows, [&](const Row& r) { return r.name == method; });
-  if (row == std::end(kRows))
-    throw Error("'" + method + "' is no method", "--method",
-                nearest_name_hint(method, method_names()));
-  row->paper(o);
+  o.method = row.name;
+  row.paper(o);
   // Narrow networks take so many more steps in the same time that they win (docs/benchmarks.md).
   if (scale == Scale::kSmall) shrink(o, 96, 2, 256);
   if (scale == Scale::kTiny) {
@@ -145,47 +191,32 @@ TrainOptions method_options(const std::string& method, Scale scale) {
   return o;
 }
 
-std::string methods_table() {
-  const std::vector<std::array<std::string, 9>> head{{"method", "cast", "space", "encoding",
-                                                      "samples", "resampling", "networks",
-                                                      "density", "source"}};
-  std::vector<std::array<std::string, 9>> rows = head;
-  const TrainOptions grid = method_options(kGridMethod, Scale::kPaper);
-  rows.push_back({kGridMethod, "point", "identity/contract",
-                  fmt::format("hash grid {}x{}", grid.grid.levels, grid.grid.features),
-                  fmt::format("up to {}", grid.grid.sampler.max_samples), "occupancy march",
-                  fmt::format("{}x{} + {}x{}", grid.grid.density_layers, grid.grid.hidden,
-                              grid.grid.colour_layers, grid.grid.hidden),
-                  "exp", "Mueller et al. 2022"});
-  for (const Row& row : kRows) {
-    const NetworkOptions n = method_options(row.name, Scale::kPaper).network;
-    const auto name_of = [](auto value) {
-      return std::get<std::string>(OptionTraits<decltype(value)>::to_value(value));
-    };
-    std::string samples;
-    for (int i = 0; i < n.sampling.rounds; ++i) samples += fmt::format("{}+", n.sampling.coarse);
-    samples += std::to_string(n.sampling.fine);
-    const std::string spacing = n.sampling.spacing == Spacing::kInverse ? " inverse" : "";
-    std::string networks = fmt::format("{}x{}", n.depth, n.width);
-    if (!n.shared)
-      networks = fmt::format("{}x{} + ", n.proposal_depth, n.proposal_width) + networks;
-    rows.push_back(
-        {row.name, name_of(n.cast), name_of(n.space),
-         fmt::format("{} {}/{}", name_of(n.encoding), n.position_degrees, n.direction_degrees),
-         samples + spacing, name_of(n.sampling.resampling), networks, name_of(n.density),
-         row.source});
-  }
-  std::array<size_t, 9> widths{};
-  for (const auto& row : rows)
-    for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+TrainOptions method_options(const std::string& method, Scale scale) {
+  if (method == kGridMethod) return {};
+  const auto row =
+      std::ranges::find_if(kRows, [&](const MethodRow& r) { return r.name == method; });
+  if (row == std::end(kRows))
+    throw Error("'" + method + "' is no method", "--method",
+                nearest_name_hint(method, method_names()));
+  return internal::options_of(*row, scale);
+}
+
+std::string internal::table_of(std::span<const MethodRow> rows) {
+  std::vector<Line> lines{{"method", "cast", "space", "encoding", "samples", "resampling",
+                           "networks", "density", "behind", "losses", "source"},
+                          grid_line()};
+  for (const MethodRow& row : rows) lines.push_back(line_of(row));
+  std::array<size_t, kColumns> widths{};
+  for (const Line& line : lines)
+    for (size_t i = 0; i < kColumns; ++i) widths[i] = std::max(widths[i], line[i].size());
   std::string out;
-  for (const auto& row : rows) {
-    std::string line;
-    for (size_t i = 0; i < row.size(); ++i)
-      line += i + 1 < row.size() ? fmt::format("{:<{}}  ", row[i], widths[i]) : row[i];
-    out += line + "\n";
+  for (const Line& line : lines) {
+    for (size_t i = 0; i + 1 < kColumns; ++i) out += fmt::format("{:<{}}  ", line[i], widths[i]);
+    out += line.back() + "\n";
   }
   return out;
 }
+
+std::string methods_table() { return internal::table_of(kRows); }
 
 }  // namespace nerf

@@ -1,5 +1,7 @@
 #include "train/network_trainer.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -33,11 +35,22 @@ NetworkOptions network_of(const Scene& scene, const TrainOptions& o) {
 // Through the cube of normalised device coordinates t runs from 0 to 1.
 double first_distance(const Scene& scene, const TrainOptions& o) {
   if (o.network.space == Space::kNdc) return 0;
-  return o.recipe.near > 0 ? o.recipe.near : scene.near;
+  if (o.recipe.near > 0) return o.recipe.near;
+  return scene.published_near > 0 ? scene.published_near : scene.near;
 }
 double last_distance(const Scene& scene, const TrainOptions& o) {
   if (o.network.space == Space::kNdc) return 1;
-  return o.recipe.far > 0 ? o.recipe.far : scene.far;
+  if (o.recipe.far > 0) return o.recipe.far;
+  return scene.published_far > 0 ? scene.published_far : scene.far;
+}
+
+void check_range(const Scene& scene, const TrainOptions& o) {
+  const double near = first_distance(scene, o), far = last_distance(scene, o);
+  if (static_cast<Real>(near) < static_cast<Real>(far)) return;
+  throw Error(
+      fmt::format("samples would begin at {:.4g} and end at {:.4g} engine units", near, far),
+      "--recipe-near, --recipe-far",
+      "give a near distance below the far one; without them they come from the capture");
 }
 
 // The mean camera of the training views, as NeRF's load_llff.py averages them.
@@ -88,6 +101,7 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
       rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field.options), o.recipe.rays)),
       rays(static_cast<size_t>(o.recipe.rays)),
       drawn(rays.size()) {
+  check_range(s, o);
   for (int i = 0; i < pool.size(); ++i)
     workers.push_back(std::make_unique<NetworkLevels>(field, rays_per_chunk, /*training=*/true,
                                                       losses_of(o.recipe)));

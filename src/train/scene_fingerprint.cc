@@ -56,6 +56,7 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
   frame.add(scene.to_engine.center);
   frame.add(scene.near);
   frame.add(scene.far);
+  if (scene.published_near > 0) frame.add(scene.published_near);
   frame.add(uint64_t{scene.unbounded});
   frame.add(uint64_t{scene.alpha});
   return {{"names of the images", names.text()},

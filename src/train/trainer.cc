@@ -26,6 +26,18 @@ std::unique_ptr<TrainerImpl> make_trainer(const Scene& scene, const PhotoSet& ph
 
 }  // namespace
 
+void TrainOptions::check_options() const {
+  grid.check_options();
+  network.check_options();
+  if (method == kGridMethod || network.sampling.rounds == 0 || network.shared) return;
+  const bool bounded =
+      network.sampling.resampling == Resampling::kProposal && recipe.interlevel > 0;
+  if (!bounded && !(recipe.coarse > 0 && network.proposal_colour))
+    throw Error("no loss would train the network that samples are drawn from",
+                "--recipe-coarse, --recipe-interlevel",
+                "give the first above 0, or with proposal resampling the second");
+}
+
 double distortion_weight(const TrainOptions& options, const Scene& scene) {
   constexpr double kUnbounded = 0.02;  // docs/benchmarks.md, "What changed the quality"
   return options.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);

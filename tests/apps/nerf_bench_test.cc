@@ -41,11 +41,12 @@ TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
       << result.out;
   EXPECT_NE(result.out.find("largest difference of PSNR"), std::string::npos) << result.out;
 
-  // The same again from the run's folder alone, of one view.
+  // The same again from the run's folder alone, of one view at half the size.
   const ProgramResult again =
-      run_program(NERF_BENCH_PROGRAM, {"render", (out / "m0.01_s1").string(), "--views", "1"});
+      run_program(NERF_BENCH_PROGRAM,
+                  {"render", (out / "m0.01_s1").string(), "--views", "1", "--downscale", "2"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_NE(again.out.find("rendering 1 held-out views of m0.01_s1, 32x32"), std::string::npos)
+  EXPECT_NE(again.out.find("rendering 1 held-out views of m0.01_s1, 16x16"), std::string::npos)
       << again.out;
 
   const std::vector<std::string> curve = lines_of(testing_apps::read_text(out / "quality.csv"));
@@ -74,9 +75,10 @@ TEST(NerfBench, AblationTakesOnePartOutAtATime) {
   TempFolder folder;
   test::write_blender_scene(folder.path() / "capture");
   const fs::path out = folder.path() / "ablation";
-  const ProgramResult result = run_program(
-      NERF_BENCH_PROGRAM, {"ablation", (folder.path() / "capture").string(), "-o", out.string(),
-                           "--steps", "3", "--split", "test", "--filter", "view"});
+  const ProgramResult result =
+      run_program(NERF_BENCH_PROGRAM, {"ablation", (folder.path() / "capture").string(), "-o",
+                                       out.string(), "--steps", "3", "--split", "test", "--filter",
+                                       "view", "--with=--network-width 24 --recipe-rays 64"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const std::vector<std::string> rows = lines_of(testing_apps::read_text(out / "ablation.csv"));
   ASSERT_EQ(rows.size(), 3u);
@@ -88,10 +90,21 @@ TEST(NerfBench, AblationTakesOnePartOutAtATime) {
   EXPECT_TRUE(fs::exists(out / "ablation.svg"));
   const std::string model = testing_apps::read_text(out / "runs/whole/options.json");
   EXPECT_NE(model.find("\"method\": \"nerf\""), std::string::npos);
+  EXPECT_NE(model.find("\"rays\": 64"), std::string::npos);
 
   expect_refused(run_program(NERF_BENCH_PROGRAM,
                              {"ablation", "/nonexistent", "-o", out.string(), "--method", "grid"}),
                  "nerf_bench", {"--method", "paper's method"});
+  // Every variant is one that nerf_train takes: what fails is that there is no capture.
+  for (const char* method : {"nerf", "mipnerf", "mipnerf360"}) {
+    const ProgramResult none = run_program(
+        NERF_BENCH_PROGRAM, {"ablation", "/nonexistent", "-o", out.string(), "--method", method});
+    EXPECT_EQ(none.exit_code, 2);
+    EXPECT_NE(none.err.find("/nonexistent: there is no such"), std::string::npos) << none.err;
+  }
+  expect_refused(run_program(NERF_BENCH_PROGRAM,
+                             {"ablation", "/nonexistent", "-o", out.string(), "--with=--no-such"}),
+                 "nerf_bench", {"--no-such"});
 }
 
 TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {

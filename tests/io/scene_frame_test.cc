@@ -290,6 +290,29 @@ TEST(ChooseFrame, AlphaGivesTheBoxThatAllViewsSee) {
   EXPECT_LT(scene.report.far, 8);
 }
 
+// load_blender.py: near 2, far 6, with the published captures' cameras 4 units away.
+TEST(ChooseFrame, BlendersPublishedRange) {
+  std::vector<Pose> poses = arc(30, 350, 0, 0);
+  const auto range = [&](bool blender, const SceneOptions& options) {
+    Capture capture(poses);
+    capture.scene.alpha = true;
+    capture.scene.options = options;
+    capture.input.blender = blender;
+    capture.choose();
+    const double scale = capture.scene.to_engine.scale;
+    return std::pair(capture.scene.published_near / scale, capture.scene.published_far / scale);
+  };
+  const auto published = range(true, {});
+  EXPECT_NEAR(published.first, 2, 1e-12);
+  EXPECT_NEAR(published.second, 6, 1e-12);
+  EXPECT_EQ(range(false, {}), std::pair(0.0, 0.0));
+  SceneOptions boxed;
+  boxed.bbox = Box3{{-2, -2, -2}, {2, 2, 2}};
+  EXPECT_EQ(range(true, boxed), std::pair(0.0, 0.0)) << "a box was asked for";
+  poses[3] = look_at({3, 0, 0}, {0, 0, 0});
+  EXPECT_EQ(range(true, {}), std::pair(0.0, 0.0)) << "a camera stands elsewhere";
+}
+
 TEST(ChooseFrame, BlenderSnapsToItsOwnUp) {
   std::vector<Pose> poses = arc(30, 350);
   for (size_t i = 0; i < poses.size(); ++i) poses[i] = rolled(poses[i], i % 3 == 0 ? 0.05 : 0.0);

@@ -1,5 +1,5 @@
-// One ray through composite(), forward and backward, and the same ray by the scalar template in
-// double, with bounds on how far apart the two may be.
+// One ray through composite(), or through its two halves, forward and backward, and the same ray by
+// the scalar template in double, with bounds on how far apart the two may be.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -59,13 +59,26 @@ class GivenGradient : public Operation {
   std::array<Real, 4> g_;
 };
 
-inline Rendered run_composite(const Matter& m) {
+// The operations that a ray's light can go through.
+enum class Path {
+  kComposite,  // composite()
+  kWeights,    // render_weights() and accumulate()
+  kOpaqueEnd,  // the same, whose last sample is opaque
+};
+
+inline Rendered run_composite(const Matter& m, Path path = Path::kComposite) {
   const int n = static_cast<int>(m.size());
   Tape tape(std::max(n, 1), 1);
   const Value density = tape.input(1, Domain::kSamples, true);
   const Value colour = tape.input(3, Domain::kSamples, true);
   const Value delta = tape.input(1, Domain::kSamples), background = tape.input(3, Domain::kRays);
-  const Composite image = composite(tape, density, colour, delta, background);
+  Composite image;
+  if (path == Path::kComposite) {
+    image = composite(tape, density, colour, delta, background);
+  } else {
+    image.weights = render_weights(tape, density, delta, path == Path::kOpaqueEnd);
+    image.pixel = accumulate(tape, image.weights, colour, background);
+  }
   const Value end = tape.output(1, Domain::kRays, {&image.pixel, 1});
   tape.record(std::make_unique<GivenGradient>(image.pixel, end, m.gradient));
   tape.plan();
@@ -93,6 +106,16 @@ inline Rendered run_composite(const Matter& m) {
   for (int i = 0; i < n; ++i) {
     const Real* d = chunk.gradient(colour) + i;
     out.d_colour.push_back({d[0], d[ls], d[2 * ls]});
+  }
+  return out;
+}
+
+// What has the light of `m` where its last sample is opaque.
+inline Matter seen_by(const Matter& m, Path path) {
+  Matter out = m;
+  if (path == Path::kOpaqueEnd && out.size() > 0) {
+    out.density.back() = 1e30_r;
+    out.delta.back() = 1;
   }
   return out;
 }
@@ -129,9 +152,18 @@ inline Rendered exact_composite(const Matter& m) {
 //   error of T and their rounding, (18 + 1) u; B_i moves as the pixel does but by colours of either
 //   sign, (18 + 1) u s, and by T_n, 9 u s; s_i itself is a sum of at most 6 roundings, in both
 //   terms; the difference and the product are rounded: (19 + 19 + 9 + 12 + 2) u s delta <= 64.
+//
+// In two halves weights are rounded before they are added up, and what stands for s_i is the
+// difference of it and the background's, of at most twice its size and as many roundings:
+// - the pixel and the opacity: 2 u more;
+// - the gradient: T_{i+1} and B_i, now without T_n, each by (18 + 1) u 2 s, s_i by 12 u s in both
+//   terms; the last weight where it is the light before an opaque end, u 2 s; the difference and
+//   the product: (38 + 38 + 24 + 2 + 4) u s delta.
 inline constexpr double kOpacityError = 9 * kRoundoff;
 inline constexpr double kPixelError = 11 * kRoundoff;
 inline constexpr double kGradientError = 64 * kRoundoff;
+inline constexpr double kPixelErrorInHalves = 13 * kRoundoff;
+inline constexpr double kGradientErrorInHalves = 106 * kRoundoff;
 // In double the product and the sums do add something: a rounding for each sample.
 inline double summing_error(double n) { return n * kDoubleRoundoff; }
 // What is below the smallest normal number may be 0.
@@ -145,10 +177,14 @@ struct CompositeErrors {
   }
 };
 
-// Checks everything that must hold of a ray, and takes in how far it is from the exact one.
+// Checks everything that must hold of a ray on one path.
 template <class... Where>
-void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) {
-  const Rendered got = run_composite(m), want = exact_composite(m);
+void check_path(const Matter& given, Path path, CompositeErrors& errors, const Where&... where) {
+  const Matter m = seen_by(given, path);
+  const Rendered got = run_composite(given, path), want = exact_composite(m);
+  const bool halves = path != Path::kComposite;
+  const double pixel_error = halves ? kPixelErrorInHalves : kPixelError;
+  const double gradient_error = halves ? kGradientErrorInHalves : kGradientError;
   const double n = static_cast<double>(m.size());
   double largest = 1;
   const auto size_of = [&](const Colour& c) {
@@ -183,7 +219,7 @@ void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) 
     ASSERT_TRUE(std::isfinite(got.d_density[i])) << "density gradient of sample " << i;
     errors.density.compare(
         got.d_density[i], want.d_density[i],
-        (kGradientError + 4 * summed) * seen * std::min(m.delta[i], kLongestInterval) + kTiny,
+        (gradient_error + 4 * summed) * seen * std::min(m.delta[i], kLongestInterval) + kTiny,
         where..., "sample", i);
     for (size_t k = 0; k < 3; ++k)
       errors.colour.compare(
@@ -194,10 +230,19 @@ void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) 
           where..., "sample", i, "channel", k);
   }
   EXPECT_LE(sum, 1 + 1e-6) << "sum of weights";
-  EXPECT_TRUE(got.pixel[3] >= 0 && got.pixel[3] <= 1) << "opacity " << got.pixel[3];
+  EXPECT_TRUE(got.pixel[3] >= 0 && got.pixel[3] <= 1 + (halves ? 1e-6 : 0))
+      << "opacity " << got.pixel[3];
   for (size_t k = 0; k < 4; ++k)
-    errors.pixel.compare(got.pixel[k], want.pixel[k], (kPixelError + summed) * largest + n * kTiny,
+    errors.pixel.compare(got.pixel[k], want.pixel[k], (pixel_error + summed) * largest + n * kTiny,
                          where..., "channel", k);
+}
+
+// Everything that must hold of a ray, whatever path its light takes, and how far it is from the
+// exact one.
+template <class... Where>
+void check_ray(const Matter& m, CompositeErrors& errors, const Where&... where) {
+  for (const Path path : {Path::kComposite, Path::kWeights, Path::kOpaqueEnd})
+    check_path(m, path, errors, where..., "path", static_cast<int>(path));
 }
 
 }  // namespace nerf::stress

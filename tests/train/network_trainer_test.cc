@@ -180,6 +180,16 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.interlevel += 0.5_r; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.clip = 1e-5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.near = 0.7; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.far = 5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.beta2 = 0.9; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.epsilon = 1e-3; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.warmup_rate = 0.5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.charbonnier += 0.1_r; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.coarse += 0.5_r; }) ||
+              !options.network.proposal_colour);
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.anneal = !o.recipe.anneal; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.anneal_steps = 2; }) ||
+              !options.recipe.anneal);
   EXPECT_TRUE(differs([](TrainOptions& o) { o.network.image_code = 2; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.network.sampling.spacing = Spacing::kInverse; }) ||
               options.network.sampling.spacing == Spacing::kInverse);
@@ -234,38 +244,6 @@ TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {
 INSTANTIATE_TEST_SUITE_P(Methods, NetworkTraining,
                          ::testing::Values("nerf", "mipnerf", "mipnerf360"),
                          [](const auto& info) { return info.param; });
-
-TEST(Methods, TheTableIsMadeFromTheOptionsThatBuildTheModels) {
-  const std::string table = methods_table();
-  for (const std::string& name : method_names()) EXPECT_NE(table.find(name), std::string::npos);
-  EXPECT_NE(table.find("8x256 + 8x256"), std::string::npos);
-  EXPECT_NE(table.find("64+64+32 inverse"), std::string::npos);
-  EXPECT_NE(table.find("off-axis 12/4"), std::string::npos);
-  const TrainOptions o = method_options("mipnerf360", Scale::kPaper);
-  EXPECT_EQ(o.network.position_degrees, 12);
-  EXPECT_EQ(o.network.sampling.fine, 32);
-  EXPECT_EQ(o.steps, 250000);
-}
-
-// The model layer's tests do not see the table and state the papers' networks once more.
-TEST(Methods, TheTablesModelsAreThoseOfTheModelLayersTests) {
-  const auto text = [](const std::string& method) {
-    return options_text(method_options(method, Scale::kPaper).network);
-  };
-  EXPECT_EQ(text("nerf"), options_text(test::nerf_options()));
-  EXPECT_EQ(text("mipnerf"), options_text(test::mipnerf_options()));
-  EXPECT_EQ(text("mipnerf360"), options_text(test::mipnerf360_options()));
-}
-
-TEST(Methods, EveryPresetIsValid) {
-  for (const std::string& name : method_names())
-    for (Scale scale : {Scale::kTiny, Scale::kSmall, Scale::kPaper})
-      EXPECT_EQ(error_of([&] { validate_options(method_options(name, scale)); }), "") << name;
-}
-
-TEST(Methods, AnUnknownNameIsAnErrorWithAHint) {
-  EXPECT_TRUE(test::contains(error_of([] { method_options("mipnef", Scale::kTiny); }), "mipnerf"));
-}
 
 }  // namespace
 }  // namespace nerf

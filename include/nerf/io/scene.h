@@ -86,6 +86,8 @@ struct Scene {
   bool unbounded = false;
   double near = 0;  // engine units; no sample closer to a camera than this
   double far = 0;   // engine units; distance of the farthest content
+  // Where the papers' code takes samples in captures of this kind, engine units; 0: it has no rule.
+  double published_near = 0, published_far = 0;
   SceneReport report;
 };
 

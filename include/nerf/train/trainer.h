@@ -117,10 +117,7 @@ struct TrainOptions {
     v("network", network, "field of the paper methods");
     v("recipe", recipe, "training of the paper methods");
   }
-  void check_options() const {
-    grid.check_options();
-    network.check_options();
-  }
+  void check_options() const;
 };
 
 // Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
