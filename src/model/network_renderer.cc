@@ -166,7 +166,11 @@ void query_network(const NetworkField& field, const Similarity& to_engine,
     const int64_t lc = c.stride(own->tape.colour);
     for (int i = 0; i < count; ++i) {
       const size_t to = static_cast<size_t>(begin + i);
-      density[to] = static_cast<Real>(static_cast<double>(sigma[i]) * to_engine.scale);
+      double per_unit = to_engine.scale;
+      if (o.space == Space::kNdc)
+        per_unit *= ndc_stretch(field.ndc, to_engine.apply(points[to]),
+                                to_engine.rotation * normalized(directions[to]));
+      density[to] = static_cast<Real>(static_cast<double>(sigma[i]) * per_unit);
       for (int64_t k = 0; k < 3; ++k)
         rgb[3 * to + static_cast<size_t>(k)] = std::clamp(colour[k * lc + i], 0.0_r, 1.0_r);
     }

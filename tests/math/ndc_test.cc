@@ -48,6 +48,26 @@ TEST(Ndc, ARayIsTheImageOfItsPoints) {
   }
 }
 
+// Against differences of the points' images.
+TEST(Ndc, StretchIsTheLengthOfTheDerivative) {
+  const NdcFrame frame = some_frame();
+  for (uint64_t i = 0; i < 50; ++i) {
+    Random random(4, 0, i);
+    const auto u = [&] { return static_cast<double>(random.uniform()) - 0.5; };
+    const Vec3d p =
+        frame.reference.translation + frame.reference.rotation * Vec3d{u(), u(), 1.5 + u()};
+    const Vec3d d = normalized(Vec3d{u(), u(), u()});
+    constexpr double kStep = 1e-5;
+    const auto ahead = point_to_ndc(frame, p + d * kStep),
+               back = point_to_ndc(frame, p - d * kStep);
+    ASSERT_TRUE(ahead && back);
+    // The third derivative is below 100: 1e-10 / 6 of it, and 1e-16 / 1e-5 of rounding.
+    EXPECT_NEAR(ndc_stretch(frame, p, d), length(*ahead - *back) / (2 * kStep), 1e-8);
+  }
+  const Vec3d behind = frame.reference.translation - frame.reference.rotation.column(2);
+  EXPECT_EQ(ndc_stretch(frame, behind, {0, 0, 1}), 0);
+}
+
 // By hand, with the reference at the origin: the corner of the picture at any depth is a corner of
 // the cube.
 TEST(Ndc, ThePicturesCornerIsTheCubes) {

@@ -268,5 +268,35 @@ TEST(NetworkRenderer, FilesAndThreadsChangeNothing) {
   }
 }
 
+// Light along a stretch of the world is that along its image in the cube.
+TEST(NetworkRenderer, DensitiesInNormalisedDeviceCoordinatesAreOfTheWorld) {
+  NetworkOptions o = test::small_network(test::nerf_options());
+  o.space = Space::kNdc;
+  auto field = std::make_shared<NetworkField>(o, 0, 1);
+  field->initialise(5);
+  field->ndc.scale_x = 1.5;
+  field->ndc.near = 0.5;
+  ModelInfo info;
+  info.to_engine.scale = 0.25;
+  const RadianceField model(info, field);
+  const Vec3d p{0.4, -0.2, 5};
+  const std::vector<Vec3d> points(3, p);
+  const std::vector<Vec3d> directions{{0, 0, 1}, {1, 0, 0}, {0, -0.6, 0.8}};
+  std::vector<Real> density(3), rgb(9);
+  ThreadPool pool(1);
+  model.query(points, directions, density, rgb, pool);
+  ASSERT_GT(density[0], 0);
+  for (size_t i = 1; i < 3; ++i)
+    EXPECT_NEAR(density[i] / density[0],
+                ndc_stretch(field->ndc, p * 0.25, directions[i]) /
+                    ndc_stretch(field->ndc, p * 0.25, directions[0]),
+                1e-5)
+        << i;
+  const std::vector<Vec3d> behind{{0, 0, -1}};
+  model.query(behind, std::span(directions).first(1), std::span(density).first(1),
+              std::span(rgb).first(3), pool);
+  EXPECT_EQ(density[0], 0);
+}
+
 }  // namespace
 }  // namespace nerf

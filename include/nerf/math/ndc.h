@@ -55,6 +55,18 @@ inline std::optional<Vec3d> point_to_ndc(const NdcFrame& frame, const Vec3d& p) 
   return Vec3d{frame.scale_x * c.x / c.z, frame.scale_y * c.y / c.z, 1 - 2 * frame.near / c.z};
 }
 
+// How long a stretch of the cube is beside the short stretch of the world that it is the image of,
+// from the point p along the unit direction d: the length of point_to_ndc's derivative. A density
+// per unit of the cube times this is one per unit of the world. 0 behind the reference camera.
+inline double ndc_stretch(const NdcFrame& frame, const Vec3d& p, const Vec3d& d) {
+  const Mat3d to_camera = frame.reference.rotation.transposed();
+  const Vec3d c = to_camera * (p - frame.reference.translation), g = to_camera * d;
+  if (!(c.z > 0)) return 0;
+  return length(Vec3d{frame.scale_x * (g.x - c.x * g.z / c.z),
+                      frame.scale_y * (g.y - c.y * g.z / c.z), 2 * frame.near * g.z / c.z}) /
+         c.z;
+}
+
 // Distance along the world ray of a t in [0, 1); infinite for 1.
 inline double ndc_distance(const NdcRay& ray, double t) {
   return ray.start + (ray.depth / (1 - t) - ray.depth) / ray.forward;

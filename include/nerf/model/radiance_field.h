@@ -45,7 +45,8 @@ class RadianceField {
   // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both
   // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the grid method's
   // density is 0 outside the trained region and in cells that are known to be empty; a paper
-  // method's is that of its last level.
+  // method's is that of its last level. In normalised device coordinates a density depends on the
+  // direction, along which the cube's unit is so long or short; behind their camera it is 0.
   void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
              std::span<Real> density, std::span<Real> rgb, ThreadPool& pool) const;
 

@@ -124,8 +124,9 @@ struct TrainOptions {
 // options say, or a default by the kind of scene.
 double distortion_weight(const TrainOptions& options, const Scene& scene);
 
-// Whether photos at smaller scales (photo_scales.h) tell the method anything: not a field of
-// points, to which a reduced photo says nothing that the full one does not.
+// Whether the method trains on photos at smaller scales too (photo_scales.h): the paper methods do,
+// as in mip-NeRF's comparison (Barron et al. 2021, section 5), the grid where it sees cones. To its
+// points a reduced photo says nothing that the full one does not.
 bool learns_from_reduced_photos(const TrainOptions& options);
 
 struct StepReport {
