@@ -164,6 +164,11 @@ WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows) {
           of_each(x, [&](Value t) { return slice(tape, t, first, rows); })};
 }
 
+WithTangents truncated_exp(Tape& tape, const WithTangents& x) {
+  const Value y = truncated_exp(tape, x.value);
+  return {y, of_each(x, [&](Value t) { return multiply(tape, y, t); })};
+}
+
 WithTangents sigmoid(Tape& tape, const WithTangents& x) {
   const Value y = sigmoid(tape, x.value);
   const Value slope = multiply(tape, y, scale_shift(tape, y, -1, 1));

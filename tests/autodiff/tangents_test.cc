@@ -76,6 +76,18 @@ void check_tangents(const std::string& name, int rows, double range,
 
 TEST(Tangents, OfActivations) {
   check_tangents(
+      "tangent_truncated_exp", 2, 8, {},
+      [](Tape& t, const WithTangents& x) { return truncated_exp(t, x); },
+      [](auto x, const auto&) {
+        for (auto& column : x)
+          for (auto& v : column) {
+            using std::exp;
+            v = exp(v);
+          }
+        return x;
+      },
+      100);
+  check_tangents(
       "tangent_sigmoid", 2, 4, {}, [](Tape& t, const WithTangents& x) { return sigmoid(t, x); },
       [](const auto& x, const auto&) { return on_columns::sigmoid(x); }, 100);
   check_tangents(

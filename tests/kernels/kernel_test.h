@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "nerf/base/aligned.h"
+#include "nerf/base/error.h"
+#include "nerf/kernels/bf16.h"
 #include "nerf/kernels/linear.h"
 #include "nerf/kernels/simd.h"
 #include "nerf/math/random.h"
@@ -25,6 +27,24 @@ void for_each_target(const Body& body) {
     SCOPED_TRACE("target " + target);
     force_simd_target(target);
     body(target);
+  }
+}
+
+// Runs `body(unit)` on every bf16 unit of this processor. Where it has none, bf16 is refused.
+template <class Body>
+void for_each_bf16_unit(const Body& body) {
+  if (bf16_unit() == Bf16Unit::kNone) {
+    EXPECT_THROW(resolve_precision(Precision::kBf16), Error);
+    return;
+  }
+  struct Restore {
+    Bf16Unit before = bf16_unit();
+    ~Restore() { force_bf16_unit(before); }
+  } restore;
+  for (const Bf16Unit unit : bf16_units()) {
+    SCOPED_TRACE(bf16_unit_name(unit));
+    force_bf16_unit(unit);
+    body(unit);
   }
 }
 

@@ -20,24 +20,6 @@ namespace {
 
 using Floats = std::vector<float>;  // what the units know
 
-// Runs `body(unit)` on every bf16 unit of this processor. Where it has none, bf16 is refused.
-template <class Body>
-void for_each_unit(const Body& body) {
-  if (bf16_unit() == Bf16Unit::kNone) {
-    EXPECT_THROW(resolve_precision(Precision::kBf16), Error);
-    return;
-  }
-  struct Restore {
-    Bf16Unit before = bf16_unit();
-    ~Restore() { force_bf16_unit(before); }
-  } restore;
-  for (const Bf16Unit unit : bf16_units()) {
-    SCOPED_TRACE(bf16_unit_name(unit));
-    force_bf16_unit(unit);
-    body(unit);
-  }
-}
-
 struct Shape {
   int in, out;
   int64_t n;
@@ -146,7 +128,7 @@ TEST(Bf16, RoundsToTheNearestNumber) {
 // Bit for bit in the unit's own order; rows beyond the depth and columns in the padding count for
 // nothing.
 TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
-  for_each_unit([&](Bf16Unit unit) {
+  for_each_bf16_unit([&](Bf16Unit unit) {
     Random random(21, 0, 0);
     for (const Shape& shape : shapes()) {
       SCOPED_TRACE(name(shape));
@@ -176,7 +158,7 @@ TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
 }
 
 TEST(LinearBf16, BackwardInputIsTheTemplateOfTheUnit) {
-  for_each_unit([&](Bf16Unit unit) {
+  for_each_bf16_unit([&](Bf16Unit unit) {
     Random random(22, 0, 0);
     for (const Shape& shape : shapes()) {
       SCOPED_TRACE(name(shape));
@@ -205,7 +187,7 @@ TEST(LinearBf16, BackwardInputIsTheTemplateOfTheUnit) {
 }
 
 TEST(LinearBf16, BackwardWeightsIsTheTemplateOfTheUnit) {
-  for_each_unit([&](Bf16Unit unit) {
+  for_each_bf16_unit([&](Bf16Unit unit) {
     const size_t part =
         unit == Bf16Unit::kAmx ? reference::kAmxBf16Samples : reference::kAvx512Bf16Samples;
     Random random(23, 0, 0);
@@ -247,7 +229,7 @@ TEST(LinearBf16, BackwardWeightsIsTheTemplateOfTheUnit) {
 // How far operands of 8 bits and sums of 24 are from the exact product: each operand is wrong by at
 // most 2^-8 of it (half a unit in the last of 8 bits, whose unit is at most 2^-7 of the number).
 TEST(LinearBf16, IsWithinTheRoundingOfItsOperandsOfTheExactLayer) {
-  for_each_unit([&](Bf16Unit) {
+  for_each_bf16_unit([&](Bf16Unit) {
     WorstError worst("bf16_forward");
     Random random(24, 0, 0);
     for (const Shape& shape : {Shape{64, 64, 240}, {256, 256, 48}}) {
@@ -277,7 +259,7 @@ TEST(LinearBf16, IsWithinTheRoundingOfItsOperandsOfTheExactLayer) {
 
 // Infinite and undefined numbers are not lost on the way.
 TEST(LinearBf16, NonFiniteNumbersStaySo) {
-  for_each_unit([&](Bf16Unit) {
+  for_each_bf16_unit([&](Bf16Unit) {
     const Shape shape{16, 16, 16};
     Random random(25, 0, 0);
     const Layer layer(shape, random);

@@ -23,6 +23,8 @@ WithTangents linear(Tape& tape, const WithTangents& x, const LinearWeights& w,
 WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> layers);
 WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b);
 WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows);
+// Exact where the value's slope is, |x| <= 15; beyond, the tangent of exp(min(x, 30)).
+WithTangents truncated_exp(Tape& tape, const WithTangents& x);
 WithTangents sigmoid(Tape& tape, const WithTangents& x);
 WithTangents softplus(Tape& tape, const WithTangents& x, Real shift);
 WithTangents relu(Tape& tape, const WithTangents& x);

@@ -1,0 +1,132 @@
+// Packs of layers on a tape: those of f32 change nothing, those of bf16 round the operands.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "nerf/autodiff/operations.h"
+
+namespace nerf {
+namespace {
+
+constexpr int kSamples = 100;
+
+struct Results {
+  std::vector<Real> output, input_gradient, weight_gradient;
+};
+
+// Layers wide and narrow, so that some have a pack in f32 and some have not, and every offset
+// differs.
+class PackedLayers : public ::testing::Test {
+ protected:
+  PackedLayers() {
+    const int widths[] = {40, 128, 112, 20, 96, 130, 5};
+    size_t size = 0;
+    for (size_t l = 0; l + 1 < std::size(widths); ++l) {
+      LinearWeights w{size, widths[l], widths[l + 1]};
+      w.bias = l % 2 == 0;
+      size += w.size();
+      layers_.push_back(w);
+    }
+    std::vector<LinearWeights*> placed;
+    for (LinearWeights& w : layers_) placed.push_back(&w);
+    place_packs(placed);
+    input_ = tape_.input(widths[0], Domain::kSamples, true);
+    output_ = mlp(tape_, input_, layers_);
+    tape_.plan();
+    weights_ = AlignedArray<Real>(size);
+    for (const LinearWeights& w : layers_) {
+      Random random(7, w.offset, 0);
+      const Real scale = std::sqrt(6.0_r / static_cast<Real>(w.in));
+      for (int j = 0; j < w.out; ++j)
+        for (int k = 0; k < w.in; ++k)
+          weights_[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
+              scale * (2 * random.uniform() - 1);
+      for (int j = 0; w.bias && j < w.out; ++j)
+        weights_[w.bias_offset() + static_cast<size_t>(j)] = 0.1_r * random.uniform();
+    }
+  }
+
+  Results run(const LayerPacks* packs) const {
+    AlignedArray<Real> gradient(weights_.size());
+    Chunk chunk(tape_);
+    chunk.weights = weights_.data();
+    chunk.weight_gradient = gradient.data();
+    chunk.packs = packs;
+    chunk.samples = kSamples;
+    const int64_t ld = chunk.stride(input_), lo = chunk.stride(output_);
+    Random random(8, 0, 0);
+    for (int r = 0; r < layers_.front().in; ++r)
+      for (int s = 0; s < kSamples; ++s) chunk.data(input_)[r * ld + s] = 2 * random.uniform() - 1;
+    tape_.forward(chunk);
+    for (int r = 0; r < layers_.back().out; ++r)
+      for (int s = 0; s < kSamples; ++s)
+        chunk.gradient(output_)[r * lo + s] = 2 * random.uniform() - 1;
+    tape_.backward(chunk);
+    Results out;
+    for (int r = 0; r < layers_.back().out; ++r)
+      for (int s = 0; s < kSamples; ++s) out.output.push_back(chunk.data(output_)[r * lo + s]);
+    for (int r = 0; r < layers_.front().in; ++r)
+      for (int s = 0; s < kSamples; ++s)
+        out.input_gradient.push_back(chunk.gradient(input_)[r * ld + s]);
+    out.weight_gradient.assign(gradient.begin(), gradient.end());
+    return out;
+  }
+
+  LayerPacks packed(Precision precision) const {
+    LayerPacks packs;
+    ThreadPool pool(2);
+    pack_layers(layers_, weights_.data(), precision, packs, pool);
+    return packs;
+  }
+
+  Tape tape_{kSamples, kLane};
+  std::vector<LinearWeights> layers_;
+  Value input_ = 0, output_ = 0;
+  AlignedArray<Real> weights_;
+};
+
+double relative(const std::vector<Real>& got, const std::vector<Real>& want) {
+  double error = 0, size = 0;
+  for (size_t i = 0; i < want.size(); ++i) {
+    error += std::pow(static_cast<double>(got[i]) - static_cast<double>(want[i]), 2);
+    size += std::pow(static_cast<double>(want[i]), 2);
+  }
+  return std::sqrt(error / size);
+}
+
+TEST_F(PackedLayers, F32ChangesNothing) {
+  for_each_target([&](const std::string&) {
+    const LayerPacks packs = packed(Precision::kF32);
+    const Results without = run(nullptr), with = run(&packs);
+    EXPECT_EQ(with.output, without.output);
+    EXPECT_EQ(with.input_gradient, without.input_gradient);
+    EXPECT_EQ(with.weight_gradient, without.weight_gradient);
+  });
+}
+
+// Each operand is off by at most 2^-9 of itself: 2^-8 of a product, and with random signs the same
+// share of a layer's whole output. Layer l is off by e_l = sqrt(l) 2^-8, so that a share e_l / pi
+// of its values falls on the other side of 0, which is 2 e_l / pi of those that let gradients
+// through; a gradient's squared error is the sum of that over the five hidden layers, 0.021, and
+// more than the roundings'. A pack at another layer's place would be wrong by 1.
+TEST_F(PackedLayers, Bf16RoundsTheOperands) {
+  const double of_output = std::sqrt(6.0) / 256, of_gradients = std::sqrt(0.021);
+  const Results exact = run(nullptr);
+  for_each_bf16_unit([&](Bf16Unit) {
+    const LayerPacks packs = packed(Precision::kBf16);
+    const Results rounded = run(&packs);
+    const auto check = [&](auto part, double most) {
+      const double error = relative(rounded.*part, exact.*part);
+      EXPECT_GT(error, 1e-4);
+      EXPECT_LT(error, most);
+    };
+    check(&Results::output, of_output);
+    check(&Results::input_gradient, of_gradients);
+    check(&Results::weight_gradient, of_gradients);
+  });
+}
+
+}  // namespace
+}  // namespace nerf
