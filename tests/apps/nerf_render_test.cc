@@ -9,6 +9,7 @@
 #include "nerf/base/threads.h"
 #include "nerf/io/image.h"
 #include "nerf/kernels/bf16.h"
+#include "nerf/kernels/simd.h"
 #include "nerf/math/camera_paths.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/radiance_field.h"
@@ -159,6 +160,25 @@ TEST_F(NerfRender, Video) {
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(testing_apps::read_text(mp4).substr(4, 4), "ftyp");
   EXPECT_NE(result.err.find(mp4), std::string::npos) << result.err;
+}
+
+// What the environment asks for is what runs, or is refused with what there is.
+TEST_F(NerfRender, TheEnvironmentChoosesInstructions) {
+  const auto with = [&](const std::string& variable) {
+    return testing_apps::run_program(
+        "/usr/bin/env", {variable, NERF_RENDER_PROGRAM, run_, "-o", out_, "--no-depth"});
+  };
+  for (const std::string& target : simd_targets()) {
+    const ProgramResult result = with("NERF_SIMD=" + target);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_NE(result.lines().at(0).find(": " + target + ","), std::string::npos) << result.err;
+  }
+  expect_refused(with("NERF_SIMD=MMX"), "nerf_render", {"NERF_SIMD", "MMX", simd_targets().back()});
+  for (const Bf16Unit unit : bf16_units()) {
+    const ProgramResult result = with("NERF_BF16=" + bf16_unit_name(unit));
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+  }
+  expect_refused(with("NERF_BF16=MMX"), "nerf_render", {"NERF_BF16", "MMX"});
 }
 
 TEST_F(NerfRender, HelpIsNoMistake) {
