@@ -73,6 +73,7 @@ struct KernelCase {
 std::vector<KernelCase> network_cases();
 std::vector<KernelCase> grid_cases();
 std::vector<KernelCase> elementwise_cases();
+std::vector<KernelCase> ray_cases();
 
 // Bounds of the cases.
 inline constexpr const char* kBoundFma = "FMA";

@@ -1,6 +1,7 @@
 // The networks' kernels: single layers, and whole networks as a training step runs them.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
 #include <numeric>
@@ -12,13 +13,12 @@
 #include "nerf/kernels/linear.h"
 #include "nerf/kernels/linear_bf16.h"
 #include "nerf/model/grid_field.h"
+#include "nerf/model/network_levels.h"
 
 namespace nerf::apps {
 namespace {
 
 constexpr int64_t kLayerSamples = 1 << 16;
-
-int64_t chunks_of(int64_t samples) { return (samples + kChunkSamples - 1) / kChunkSamples; }
 
 double fma_ceiling(Ceilings& c) { return c.flops(); }
 double bf16_ceiling(Ceilings& c) { return c.bf16_flops(); }
@@ -92,7 +92,11 @@ class Network {
  public:
   Network(const std::vector<int>& widths, int64_t samples, bool backward, int threads,
           Precision precision)
-      : samples_(samples), backward_(backward), precision_(precision) {
+      : samples_(samples),
+        backward_(backward),
+        precision_(precision),
+        chunk_samples_(chunk_samples(widths)),
+        tape_(chunk_samples_, kLane) {
     size_t size = 0;
     for (size_t l = 0; l + 1 < widths.size(); ++l) {
       const LinearWeights w{size, widths[l], widths[l + 1]};
@@ -114,10 +118,10 @@ class Network {
           weights_[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
               scale * random[static_cast<size_t>(j * w.in + k)];
     }
-    const size_t floats = static_cast<size_t>(chunks_of(samples)) * in_floats();
+    const size_t floats = static_cast<size_t>(chunks()) * in_floats();
     features_ = noise(floats, 4);
     if (backward) d_features_ = AlignedArray<Real>(floats);
-    d_output_ = noise(static_cast<size_t>(widths.back()) * kChunkSamples, 5);
+    d_output_ = noise(static_cast<size_t>(widths.back()) * stride(), 5);
     for (int i = 0; i < threads; ++i) {
       chunks_.push_back(std::make_unique<Chunk>(tape_));
       gradients_.emplace_back(size);
@@ -135,10 +139,10 @@ class Network {
 
   void run(ThreadPool& pool) {
     pack_layers(layers_, weights_.data(), precision_, packs_, pool);
-    pool.parallel_for_thread(chunks_of(samples_), [&](int64_t c, int thread) {
+    pool.parallel_for_thread(chunks(), [&](int64_t c, int thread) {
       Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
       chunk.samples =
-          static_cast<int>(std::min<int64_t>(kChunkSamples, samples_ - c * int64_t{kChunkSamples}));
+          static_cast<int>(std::min<int64_t>(chunk_samples_, samples_ - c * chunk_samples_));
       const size_t at = static_cast<size_t>(c) * in_floats(), bytes = in_floats() * sizeof(Real);
       std::memcpy(chunk.data(input_), features_.data() + at, bytes);
       tape_.forward(chunk);
@@ -150,12 +154,21 @@ class Network {
   }
 
  private:
-  size_t in_floats() const { return static_cast<size_t>(layers_.front().in) * kChunkSamples; }
+  // As the trainers have them: those of the grid for narrow networks, of the paper methods for
+  // wide.
+  static int chunk_samples(const std::vector<int>& widths) {
+    const int widest = std::ranges::max(widths);
+    return widest <= 64 ? kChunkSamples : NetworkLevels::chunk_samples(widest);
+  }
+  int64_t chunks() const { return (samples_ + chunk_samples_ - 1) / chunk_samples_; }
+  size_t stride() const { return static_cast<size_t>(tape_.capacity(Domain::kSamples)); }
+  size_t in_floats() const { return static_cast<size_t>(layers_.front().in) * stride(); }
 
   int64_t samples_;
   bool backward_;
   Precision precision_;
-  Tape tape_{kChunkSamples, kLane};
+  int64_t chunk_samples_;
+  Tape tape_;
   std::vector<LinearWeights> layers_;
   Value input_ = 0, output_ = 0;
   AlignedArray<Real> weights_, features_, d_features_, d_output_;

@@ -27,11 +27,12 @@ bool can_skip_level(const NetworkOptions& options, const NetworkLosses& losses, 
 
 }  // namespace
 
+// Weights are read and their gradients written once per chunk, so that chunks should be long; but a
+// layer's activations should stay in a second-level cache (measured: docs/benchmarks.md).
+int NetworkLevels::chunk_samples(int width) { return width <= 256 ? 800 : 512; }
+
 int NetworkLevels::rays_per_chunk(const NetworkOptions& options) {
-  // Weights are read and their gradients written once per chunk, so that chunks should be long; but
-  // a layer's activations should stay in a second-level cache (measured: docs/benchmarks.md).
-  const int samples = options.width <= 256 ? 800 : 512;
-  return std::max(1, samples / options.sampling.most_posts());
+  return std::max(1, chunk_samples(options.width) / options.sampling.most_posts());
 }
 
 NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,

@@ -50,7 +50,8 @@ class NetworkLevels {
   // The networks' products from these packs, which must outlive this.
   void use_packs(const LayerPacks* packs);
 
-  // How many rays a chunk of the cache's size has.
+  // How many samples of networks of that width a chunk holds at most, and how many rays those are.
+  static int chunk_samples(int width);
   static int rays_per_chunk(const NetworkOptions& options);
 
   // At most as many rays as the constructor was told; they must stay until backward() is done.

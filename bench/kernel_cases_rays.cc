@@ -1,0 +1,163 @@
+// What is done along rays: drawing samples, view directions, compositing.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+
+#include "kernel_bench.h"
+#include "nerf/autodiff/operations.h"
+#include "nerf/kernels/elementwise.h"
+#include "nerf/model/grid_field.h"
+#include "nerf/parts/interval_sampler.h"
+
+namespace nerf::apps {
+namespace {
+
+constexpr int64_t kChunks = 1 << 10;
+
+// How the light of a ray is composited: by one operation, or by its two halves.
+enum class Light { kComposite, kWeightsFirst };
+
+// Rays of sixteen samples through the tape's compositing, forward and backward.
+class Compositing {
+ public:
+  Compositing(int threads, Light light) {
+    density_ = tape_.input(1, Domain::kSamples, true);
+    colour_ = tape_.input(3, Domain::kSamples, true);
+    const Value delta = tape_.input(1, Domain::kSamples);
+    const Value background = tape_.input(3, Domain::kRays);
+    if (light == Light::kComposite) {
+      pixel_ = composite(tape_, density_, colour_, delta, background).pixel;
+    } else {
+      const Value weights = render_weights(tape_, density_, delta, /*opaque_end=*/false);
+      pixel_ = accumulate(tape_, weights, colour_, background);
+    }
+    tape_.plan();
+    for (int r = 0; r <= kRays; ++r) ray_begin_.push_back(r * kSamplesPerRay);
+    for (int i = 0; i < threads; ++i) {
+      chunks_.push_back(std::make_unique<Chunk>(tape_));
+      Chunk& c = *chunks_.back();
+      c.samples = kChunkSamples;
+      c.rays = kRays;
+      c.ray_begin = ray_begin_.data();
+      std::fill_n(c.data(density_), kChunkSamples, 2.0_r);
+      std::fill_n(c.data(colour_), 3 * kChunkSamples, 0.5_r);
+      std::fill_n(c.data(delta), kChunkSamples, 0.05_r);
+      std::fill_n(c.data(background), 3 * c.stride(background), 1.0_r);
+    }
+  }
+  void run(ThreadPool& pool) {
+    pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
+      Chunk& c = *chunks_[static_cast<size_t>(thread)];
+      tape_.forward(c);
+      std::fill_n(c.gradient(pixel_), 4 * c.stride(pixel_), 0.1_r);
+      tape_.backward(c);
+    });
+  }
+
+ private:
+  static constexpr int kSamplesPerRay = 16, kRays = kChunkSamples / kSamplesPerRay;
+  Tape tape_{kChunkSamples, kChunkRays};
+  Value density_ = 0, colour_ = 0;
+  Value pixel_ = 0;
+  std::vector<int32_t> ray_begin_;
+  std::vector<std::unique_ptr<Chunk>> chunks_;
+};
+
+KernelRun compositing_run(int threads, Light light) {
+  auto compositing = std::make_shared<Compositing>(threads, light);
+  KernelRun run;
+  run.work = static_cast<double>(kChunks * kChunkSamples);
+  // Forward density, length and three colours in, a weight out; backward those six in, four out.
+  constexpr double kBytes = (6 + 10) * sizeof(Real);
+  run.ceiling = [](Ceilings& c) { return c.cached() / kBytes; };
+  run.run = [compositing](ThreadPool& pool) { compositing->run(pool); };
+  return run;
+}
+
+// Rays whose second level is drawn from the weights of a first one.
+struct DrawnRay {
+  explicit DrawnRay(const IntervalOptions& o)
+      : sampler(o, 0.5, 4),
+        before(static_cast<size_t>(sampler.posts(0))),
+        weights(static_cast<size_t>(sampler.samples(0))),
+        after(static_cast<size_t>(sampler.posts(1))) {
+    sampler.first(nullptr, before);
+    const AlignedArray<Real> random = noise(weights.size(), 6);
+    for (size_t i = 0; i < weights.size(); ++i)
+      weights[i] = (random[i] + 0.5_r) / static_cast<Real>(weights.size());
+  }
+  IntervalSampler sampler;
+  std::vector<Real> before, weights, after;
+};
+
+KernelCase resampling(const char* name, const IntervalOptions& o) {
+  const IntervalSampler sampler(o, 0.5, 4);
+  const int drawn = sampler.samples(1), read = sampler.posts(0) + sampler.samples(0);
+  return {fmt::format("{}, {} samples from {}", name, drawn, sampler.samples(0)), Unit::kSamples,
+          kBoundCached, [=](int threads) {
+            auto all =
+                std::make_shared<std::vector<DrawnRay>>(static_cast<size_t>(threads), DrawnRay(o));
+            constexpr int64_t kRays = 1 << 12;
+            KernelRun run;
+            run.work = static_cast<double>(kRays * drawn);
+            run.ceiling = [=](Ceilings& c) {
+              return c.cached() * drawn / static_cast<double>((read + drawn) * sizeof(Real));
+            };
+            run.run = [=](ThreadPool& pool) {
+              pool.parallel_for_thread(kRays, [&](int64_t ray, int thread) {
+                DrawnRay& own = (*all)[static_cast<size_t>(thread)];
+                Random random(1, 2, static_cast<uint64_t>(ray));
+                own.sampler.next(1, own.before, own.weights, 1, &random, own.after);
+              });
+            };
+            return run;
+          }};
+}
+
+KernelRun harmonics_run(int threads) {
+  struct Own {
+    AlignedArray<Real> x = noise(kChunkSamples, 1), y = noise(kChunkSamples, 2),
+                       z = noise(kChunkSamples, 3);
+    AlignedArray<Real> out{static_cast<size_t>(kChunkSamples) * kSphericalHarmonics};
+  };
+  auto all = std::make_shared<std::vector<Own>>(static_cast<size_t>(threads));
+  KernelRun run;
+  run.work = static_cast<double>(kChunks * kChunkSamples);
+  run.ceiling = [](Ceilings& c) {
+    return c.cached() / static_cast<double>((3 + kSphericalHarmonics) * sizeof(Real));
+  };
+  run.run = [=](ThreadPool& pool) {
+    pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
+      Own& own = (*all)[static_cast<size_t>(thread)];
+      for (size_t i = 0; i < kChunkSamples; ++i)
+        spherical_harmonics(own.x[i], own.y[i], own.z[i], own.out.data() + i * kSphericalHarmonics);
+    });
+  };
+  return run;
+}
+
+}  // namespace
+
+std::vector<KernelCase> ray_cases() {
+  IntervalOptions coarse_fine, blurred, proposal;
+  blurred.resampling = Resampling::kBlurred;
+  blurred.coarse = blurred.fine = 128;
+  proposal.resampling = Resampling::kProposal;
+  proposal.coarse = proposal.fine = 64;
+  const auto light = [](Light l) {
+    return [=](int threads) { return compositing_run(threads, l); };
+  };
+  return {
+      {"spherical harmonics", Unit::kSamples, kBoundCached, harmonics_run},
+      resampling("coarse+fine resampling", coarse_fine),
+      resampling("blurred resampling", blurred),
+      resampling("dilated resampling", proposal),
+      {"compositing forward+backward, 16 samples per ray", Unit::kSamples, kBoundCached,
+       light(Light::kComposite)},
+      {"weights and accumulation forward+backward, 16 samples per ray", Unit::kSamples,
+       kBoundCached, light(Light::kWeightsFirst)},
+  };
+}
+
+}  // namespace nerf::apps
