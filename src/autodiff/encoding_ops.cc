@@ -20,7 +20,7 @@ struct FeatureRows {
 // Both encodings: they differ in the order of their features, in identity and in the variance.
 class SineCosine : public Operation {
  public:
-  SineCosine(std::vector<Value> inputs, Value y, int coordinates, std::vector<Real> weights,
+  SineCosine(std::vector<Value> inputs, Value y, int coordinates, FrequencyWeights weights,
              bool identity, bool sines_first)
       : Operation(std::move(inputs), y),
         coordinates_(coordinates),
@@ -39,7 +39,7 @@ class SineCosine : public Operation {
         std::memcpy(y + i * ld, x + i * ld, static_cast<size_t>(round_up(n, kLane)) * sizeof(Real));
     each_feature([&](int i, int k, FeatureRows rows) {
       sine_cosine_forward(n, x + i * ld, variance ? variance + i * ld : nullptr, frequency(k),
-                          weights_[static_cast<size_t>(k)], y + rows.sine * ld,
+                          (*weights_)[static_cast<size_t>(k)], y + rows.sine * ld,
                           y + rows.cosine * ld);
     });
   }
@@ -76,7 +76,7 @@ class SineCosine : public Operation {
 
   template <class F>
   void each_feature(const F& f) const {
-    const int frequencies = static_cast<int>(weights_.size());
+    const int frequencies = static_cast<int>(weights_->size());
     const int first = identity_ ? coordinates_ : 0;
     for (int k = 0; k < frequencies; ++k)
       for (int i = 0; i < coordinates_; ++i) {
@@ -88,7 +88,7 @@ class SineCosine : public Operation {
   }
 
   int coordinates_;
-  std::vector<Real> weights_;
+  FrequencyWeights weights_;
   bool identity_, sines_first_;
 };
 
@@ -184,11 +184,15 @@ class TableRows : public Operation {
 }  // namespace
 
 Value frequency_encoding(Tape& tape, Value x, std::span<const Real> weights, bool identity) {
-  const int d = tape.rows(x), frequencies = static_cast<int>(weights.size());
+  return frequency_encoding(
+      tape, x, std::make_shared<const std::vector<Real>>(weights.begin(), weights.end()), identity);
+}
+
+Value frequency_encoding(Tape& tape, Value x, const FrequencyWeights& weights, bool identity) {
+  const int d = tape.rows(x), frequencies = static_cast<int>(weights->size());
   const Value y = tape.output((identity ? d : 0) + 2 * d * frequencies, tape.domain(x), {&x, 1});
-  tape.record(std::make_unique<SineCosine>(std::vector<Value>{x}, y, d,
-                                           std::vector<Real>(weights.begin(), weights.end()),
-                                           identity, /*sines_first=*/false));
+  tape.record(std::make_unique<SineCosine>(std::vector<Value>{x}, y, d, weights, identity,
+                                           /*sines_first=*/false));
   return y;
 }
 
@@ -199,10 +203,10 @@ Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees) {
   const Value from[] = {mean, variance};
   const Value y = tape.output(2 * d * degrees, tape.domain(mean), from);
   tape.need_scratch(static_cast<size_t>(d) * static_cast<size_t>(tape.capacity(tape.domain(mean))));
-  tape.record(std::make_unique<SineCosine>(std::vector<Value>{mean, variance}, y, d,
-                                           std::vector<Real>(static_cast<size_t>(degrees), 1.0_r),
-                                           /*identity=*/false,
-                                           /*sines_first=*/true));
+  tape.record(std::make_unique<SineCosine>(
+      std::vector<Value>{mean, variance}, y, d,
+      std::make_shared<const std::vector<Real>>(static_cast<size_t>(degrees), 1.0_r),
+      /*identity=*/false, /*sines_first=*/true));
   return y;
 }
 

@@ -158,6 +158,8 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   EXPECT_EQ(number(off, "psnr_loss"), 0);
   EXPECT_EQ(number(off, "worst_psnr_loss"), 0);
   EXPECT_EQ(number(off, "density_evaluations"), 4 * number(off, "segments"));
+  EXPECT_GT(number("every skip off, empty cells too", "density_evaluations"),
+            2 * number(off, "density_evaluations"));
   EXPECT_TRUE(differ("unshaded 1/1024", off));
   EXPECT_TRUE(differ("unshaded 1/64", "unshaded 1/1024"));
   EXPECT_EQ(skips.contains("bf16"), bf16_unit() != Bf16Unit::kNone);

@@ -3,10 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <vector>
 
 #include "autodiff/reference_ops.h"
 #include "nerf/autodiff/operations.h"
+#include "nerf/math/reference/encoding.h"
+#include "nerf/math/window.h"
 
 namespace nerf {
 namespace {
@@ -31,7 +34,7 @@ TEST(Gradient, LinearWithBias) {
                     });
 }
 
-// Frequencies up to 2^9, some of them half open.
+// Frequencies up to 2^5, some of them partly open.
 TEST(Gradient, FrequencyEncoding) {
   static const std::vector<double> weights{1, 1, 0.75, 0.5, 0.25, 0};
   static const std::vector<Real> as_float(weights.begin(), weights.end());
@@ -47,6 +50,35 @@ TEST(Gradient, FrequencyEncoding) {
                       [=]<class T>(const Given<T>& v) -> Outputs<T> {
                         return {on_columns::frequency_encoding(v[0], weights, identity)};
                       });
+}
+
+// A window that opens between passes: the tape stays, its features are those of the new weights.
+TEST(FrequencyEncoding, TheWindowMayOpenWhileTraining) {
+  constexpr int kFrequencies = 4;
+  const auto window = std::make_shared<std::vector<Real>>(kFrequencies);
+  Tape tape(kLane, kLane);
+  const Value x = tape.input(2, kSamples);
+  const Value y = frequency_encoding(tape, x, FrequencyWeights(window), /*identity=*/true);
+  tape.plan();
+  Chunk chunk(tape);
+  chunk.samples = kLane;
+  const int64_t ld = chunk.stride(y);
+  for (int64_t i = 0; i < kLane; ++i) {
+    chunk.data(x)[i] = static_cast<Real>(0.1 * static_cast<double>(i));
+    chunk.data(x)[chunk.stride(x) + i] = -0.3_r;
+  }
+  for (const double alpha : {0.0, 1.0, 2.5, 4.0}) {
+    window_weights(alpha, *window);
+    tape.forward(chunk);
+    for (int k = 0; k < kFrequencies; ++k) {
+      const double weight = reference::window_weight(alpha, k);
+      for (int64_t i = 0; i < kLane; ++i) {
+        const double at = std::ldexp(static_cast<double>(chunk.data(x)[i]), k);
+        EXPECT_NEAR(chunk.data(y)[(2 + 4 * k) * ld + i], weight * std::sin(at), 1e-6) << alpha;
+        EXPECT_NEAR(chunk.data(y)[(4 + 4 * k) * ld + i], weight * std::cos(at), 1e-6) << alpha;
+      }
+    }
+  }
 }
 
 TEST(Gradient, IntegratedEncoding) {

@@ -16,6 +16,8 @@ Lines, all numbers in decimal; n bins have n + 1 edges:
   cone t0 t1 radius | mean of t, variance of t, variance across
   distortion n | n + 1 edges, n weights | loss
   interlevel n m | n + 1 edges, n weights, m + 1 proposal edges, m proposal weights | loss
+  blurred n k | n + 1 edges, n weights | k + 1 posts of the next level, mip-NeRF's
+  dilated n k exponent | n + 1 edges, n weights | k + 1 posts of the next level, mip-NeRF 360's
   warp x y z dx dy dz t_variance r_variance px py pz | mean along p, variance along p
 """
 from decimal import Decimal, getcontext
@@ -63,10 +65,21 @@ def points(m, k, weights):
     line("points", [m, k], x, weights, u, [at_share(middles, raised, v) for v in u])
 
 
-def blur(w, padding):
+def blurred_weights(w, padding):
     n = len(w)
     larger = [max(w[max(i - 1, 0)], w[min(i, n - 1)]) for i in range(n + 1)]
-    line("blur", [n, padding], w, [(larger[i] + larger[i + 1]) / 2 + padding for i in range(n)])
+    return [(larger[i] + larger[i + 1]) / 2 + padding for i in range(n)]
+
+
+def blur(w, padding):
+    line("blur", [len(w), padding], w, blurred_weights(w, padding))
+
+
+def blurred(e, w, k):
+    """Stratified posts without jitter: k + 1 shares from 0 to just below 1."""
+    u = [(1 - F(1, 2 ** 23)) * i / k for i in range(k + 1)]
+    mass = blurred_weights(w, f32(0.01))
+    line("blurred", [len(w), k], e, w, [at_share(e, mass, v) for v in u])
 
 
 def shares(w):
@@ -76,7 +89,7 @@ def shares(w):
     line("shares", [n], w, [sum(w2[:i]) / sum(w2) for i in range(n + 1)])
 
 
-def dilate(e, w, d):
+def dilated_histogram(e, w, d):
     clip = lambda v: min(max(v, F(0)), F(1))
     n = len(w)
     out = sorted(e + [clip(v - d) for v in e[:-1]] + [clip(v + d) for v in e[1:]])
@@ -86,7 +99,28 @@ def dilate(e, w, d):
                 if e[i + 1] > e[i] and e[i] - d <= a and e[i + 1] + d > a]
         mass.append(max(near, default=F(0)) * (b - a))
     total = sum(mass)
-    line("dilate", [n, d], e, w, out, [m / total if total else m for m in mass])
+    return out, [m / total if total else m for m in mass]
+
+
+def dilate(e, w, d):
+    out, mass = dilated_histogram(e, w, d)
+    line("dilate", [len(w), d], e, w, out, mass)
+
+
+def power(v, exponent):
+    return F(Decimal(v.numerator) / Decimal(v.denominator)) if exponent == 1 else F(
+        (Decimal(v.numerator) / Decimal(v.denominator)) ** Decimal(float(exponent)))
+
+
+def dilated(e, w, k, exponent):
+    """Dilated by 0.0025 + 0.5 / n, without the outermost bins, raised to the exponent; then the k
+    middles of even shares, posts half way between them and mirrored at both ends within [0, 1]."""
+    out, mass = dilated_histogram(e, w, F(1, 400) + F(1, 2) / len(w))
+    out, mass = out[1:-1], [power(m, exponent) if m else m for m in mass[1:-1]]
+    at = [at_share(out, mass, F(2 * i + 1, 2 * k)) for i in range(k)]
+    middles = [(a + b) / 2 for a, b in zip(at, at[1:])]
+    first, last = max(F(0), 2 * at[0] - middles[0]), min(F(1), 2 * at[-1] - middles[-1])
+    line("dilated", [len(w), k, exponent], e, w, [first] + middles + [last])
 
 
 def cone(t0, t1, r):
@@ -185,3 +219,10 @@ for scale in (0.3, 1.01, 3, 100, 1e5):
         size = sum(v * v for v in p) ** 0.5
         warp(x, d, f32(scale * random.random()), f32(0.01 * scale * random.random()),
              [f32(v / size) for v in p])
+
+# Whole levels; no bin is so light that a float's rounding of its share moves a post visibly.
+for n, k in ((8, 8), (64, 32), (128, 128)):
+    blurred(edges(n), [f32((0.2 + random.random()) / n) for _ in range(n)], k)
+for n, k in ((8, 8), (64, 32)):
+    for exponent in (F(1), F(1, 2)):
+        dilated(edges(n), [f32((0.2 + random.random()) / n) for _ in range(n)], k, exponent)

@@ -4,7 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <vector>
+
+#include "golden/golden.h"
 
 namespace nerf {
 namespace {
@@ -153,6 +156,42 @@ TEST(IntervalSampler, NumbersOfSamples) {
   EXPECT_EQ(proposal.posts(2), 49);
   EXPECT_EQ(o.most_posts(), 49);
   EXPECT_EQ(o.all_samples(), 112);
+}
+
+// Whole levels against exact fractions (tests/golden/sampling.py), from the weights to the posts.
+// No bin holds less than a sixth of the mean density, so that a share that is off by roundings
+// moves a post by at most six times that: 32 u of a sum, 6 of its inverse, in units of the ray.
+void expect_golden_levels(const char* kind, Resampling resampling) {
+  WorstError worst(std::string(kind) + "_posts");
+  for (const std::vector<double>& v : golden_lines("sampling.txt", kind)) {
+    IntervalOptions o = options_of(resampling, Spacing::kInverse);
+    o.coarse = static_cast<int>(v[0]);
+    o.fine = static_cast<int>(v[1]);
+    const bool annealed = resampling == Resampling::kProposal;
+    const Real exponent = annealed ? static_cast<Real>(v[2]) : 1;
+    const size_t at = annealed ? 3 : 2, n = static_cast<size_t>(o.coarse);
+    const auto part = [&](size_t begin, size_t size) {
+      Floats out;
+      for (size_t i = 0; i < size; ++i) out.push_back(static_cast<Real>(v[begin + i]));
+      return out;
+    };
+    const Floats before = part(at, n + 1), weights = part(at + n + 1, n);
+    IntervalSampler sampler(o, 1, 2);
+    Floats out(static_cast<size_t>(sampler.posts(1)));
+    ASSERT_EQ(v.size(), at + 2 * n + 1 + out.size());
+    sampler.next(1, before, weights, exponent, nullptr, out);
+    for (size_t i = 0; i < out.size(); ++i)
+      worst.compare(out[i], v[at + 2 * n + 1 + i], 6 * 32 * kFloatRoundoff, "bins", n, "post", i);
+  }
+  worst.report();
+}
+
+TEST(IntervalSampler, BlurredLevelsAreGolden) {
+  expect_golden_levels("blurred", Resampling::kBlurred);
+}
+
+TEST(IntervalSampler, DilatedLevelsAreGolden) {
+  expect_golden_levels("dilated", Resampling::kProposal);
 }
 
 }  // namespace

@@ -2,7 +2,9 @@
 // the samples or the rays of a chunk.
 #pragma once
 
+#include <memory>
 #include <span>
+#include <vector>
 
 #include "nerf/autodiff/linear_weights.h"
 #include "nerf/autodiff/tape.h"
@@ -47,6 +49,10 @@ Value scale_shift(Tape& tape, Value x, Real factor, Real shift);
 // 2020, equation 4, in the order of the authors' code, without its factor pi; with the weights of a
 // window: Park et al. 2021, equation 8).
 Value frequency_encoding(Tape& tape, Value x, std::span<const Real> weights, bool identity);
+// The same with weights that may change between passes, as those of a window that opens
+// (math/window.h); their number may not.
+using FrequencyWeights = std::shared_ptr<const std::vector<Real>>;
+Value frequency_encoding(Tape& tape, Value x, const FrequencyWeights& weights, bool identity);
 
 // [d x n], [d x n] -> [2 d degrees x n]: the expected sines of 2^k x, then the expected cosines, of
 // a Gaussian with this mean and variance along each axis (Barron et al. 2021, equation 14).

@@ -1,0 +1,54 @@
+// Step sizes from next to nothing to the largest that is allowed, through whole training steps.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "nerf/model/renderer.h"
+#include "nerf/train/methods.h"
+#include "support/synthetic_scene.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+class Rates : public ::testing::TestWithParam<std::string> {
+ protected:
+  static TrainOptions options(double rate) {
+    TrainOptions o = GetParam() == kGridMethod ? test::tiny_options(40)
+                                               : test::tiny_method_options(GetParam(), 40);
+    o.rate = rate;
+    return o;
+  }
+};
+
+// Adam moves a weight by about the rate, whatever the gradient is: after 40 steps of 1 the layers'
+// outputs are huge and still finite, and so are losses, gradients (health.cc would throw) and
+// pictures.
+TEST_P(Rates, HugeStepsStayFinite) {
+  const auto c = test::sphere_capture();
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, options(1), pool);
+  for (int i = 0; i < 40; ++i) ASSERT_TRUE(std::isfinite(trainer.step().loss)) << "step " << i;
+  const Frame frame =
+      render(trainer.snapshot(), c.scene.cameras[0], c.scene.views[0].pose, {}, pool);
+  for (const Real v : frame.rgb) ASSERT_TRUE(v >= 0 && v <= 1) << v;
+}
+
+// Steps below the weights' last digits change no picture.
+TEST_P(Rates, TinyStepsChangeNothing) {
+  const auto c = test::sphere_capture();
+  ThreadPool pool(2);
+  const auto picture_after = [&](int steps) {
+    Trainer trainer(c.scene, c.photos, options(1e-25), pool);
+    for (int i = 0; i < steps; ++i) EXPECT_TRUE(std::isfinite(trainer.step().loss));
+    return render(trainer.snapshot(), c.scene.cameras[0], c.scene.views[0].pose, {}, pool).rgb;
+  };
+  const auto one = picture_after(1), many = picture_after(12);
+  for (size_t i = 0; i < one.size(); ++i) ASSERT_NEAR(one[i], many[i], 1e-6) << i;
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, Rates, ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"),
+                         [](const auto& info) { return info.param; });
+
+}  // namespace
+}  // namespace nerf
