@@ -141,8 +141,8 @@ class Network {
     pack_layers(layers_, weights_.data(), precision_, packs_, pool);
     pool.parallel_for_thread(chunks(), [&](int64_t c, int thread) {
       Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
-      chunk.samples =
-          static_cast<int>(std::min<int64_t>(chunk_samples_, samples_ - c * chunk_samples_));
+      chunk.samples = static_cast<int>(
+          std::min<int64_t>(chunk_samples_, samples_ - c * int64_t{chunk_samples_}));
       const size_t at = static_cast<size_t>(c) * in_floats(), bytes = in_floats() * sizeof(Real);
       std::memcpy(chunk.data(input_), features_.data() + at, bytes);
       tape_.forward(chunk);
@@ -167,7 +167,7 @@ class Network {
   int64_t samples_;
   bool backward_;
   Precision precision_;
-  int64_t chunk_samples_;
+  int chunk_samples_;
   Tape tape_;
   std::vector<LinearWeights> layers_;
   Value input_ = 0, output_ = 0;

@@ -98,6 +98,27 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
   EXPECT_GT(e.psnr, 22);
 }
 
+// The counter of work says what the switches leave out.
+TEST_P(NetworkTraining, SkippingIsCounted) {
+  const auto c = sphere_capture(16, 32);
+  ThreadPool pool(2);
+  const auto last_samples = [&](bool skip, Real negligible) {
+    TrainOptions o = tiny_method_options(GetParam(), 300);
+    o.recipe.skip = skip;
+    o.recipe.negligible = negligible;
+    Trainer trainer(c.scene, c.photos, o, pool);
+    StepReport last;
+    for (int i = 0; i < 300; ++i) last = trainer.step();
+    return last.samples / last.rays;
+  };
+  const TrainOptions o = tiny_method_options(GetParam(), 300);
+  EXPECT_EQ(last_samples(false, 0), o.network.sampling.all_samples());
+  EXPECT_EQ(last_samples(false, 0.2_r), o.network.sampling.all_samples());
+  const int64_t few = last_samples(true, 0.2_r);
+  EXPECT_LT(few, o.network.sampling.all_samples());
+  EXPECT_LE(few, last_samples(true, 0));
+}
+
 // What is opaque stays so, and nothing stands in the empty space that imitates white.
 TEST_P(NetworkTraining, LearnsOverBlack) {
   const auto c = sphere_capture(24, 32);
