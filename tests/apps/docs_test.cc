@@ -37,7 +37,8 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
         Command{NERF_BENCH_PROGRAM, "scene", "--help"},
         Command{NERF_BENCH_PROGRAM, "render", "--help"},
         Command{NERF_BENCH_PROGRAM, "kernels", "--help"},
-        Command{NERF_BENCH_PROGRAM, "error", "--help"}})
+        Command{NERF_BENCH_PROGRAM, "error", "--help"},
+        Command{NERF_BENCH_PROGRAM, "ablation", "--help"}})
     known.merge(options_in(
         testing_apps::run_program(program[0], {program.begin() + 1, program.end()}).out));
   ASSERT_TRUE(known.contains("--grid-levels"));
@@ -48,7 +49,8 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
   const std::set<std::string> of_cmake = {"--install", "--prefix", "--preset"};
   for (const fs::path& document : documents)
     for (const std::string& option : options_in(testing_apps::read_text(document)))
-      EXPECT_TRUE(known.contains(option) || of_cmake.contains(option))
+      EXPECT_TRUE(known.contains(option) || of_cmake.contains(option) ||
+                  (option.starts_with("--no-") && known.contains("--" + option.substr(5))))
           << document.filename() << " names " << option;
 }
 
