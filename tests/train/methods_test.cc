@@ -188,8 +188,13 @@ TEST(Methods, SamplesBeginAndEndAsInThePapersCode) {
   };
   const double own = first_loss(0), asked = first_loss(1.5);
   c.scene.published_near = 1;
+  const double nearer = first_loss(0);
+  EXPECT_NE(nearer, own);
+  c.scene.published_near = 0;
   c.scene.published_far = 4.5;
   EXPECT_NE(first_loss(0), own);
+  EXPECT_NE(first_loss(0), nearer);
+  c.scene.published_near = 1;
   c.scene.published_far = c.scene.far;
   EXPECT_EQ(first_loss(1.5), asked);
 }
