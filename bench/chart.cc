@@ -242,10 +242,12 @@ class Drawing {
     if (distance > 8)  // so far off that it might be another point's
       line(x, y, std::clamp(x, best.x0, best.x1), std::clamp(y, best.y0 + 2, best.y1 - 2),
            fmt::format("stroke=\"{}\" stroke-width=\"0.8\"", colour));
-    out_ += text_at((best.x0 + best.x1) / 2, best.y1 - 3, "middle", p.label,
-                    fmt::format("font-size=\"11\" fill=\"{}\" stroke=\"#ffffff\" "
-                                "stroke-width=\"3\" paint-order=\"stroke\"",
-                                colour));
+    // A halo, then the text over it: programs that do not know paint-order would hide the text.
+    for (const std::string& style :
+         {std::string("fill=\"#ffffff\" stroke=\"#ffffff\" stroke-width=\"3\""),
+          fmt::format("fill=\"{}\"", colour)})
+      out_ += text_at((best.x0 + best.x1) / 2, best.y1 - 3, "middle", p.label,
+                      "font-size=\"11\" " + style);
   }
 
   void legend() {
