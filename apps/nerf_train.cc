@@ -271,7 +271,7 @@ int train_main(int argc, char** argv) {
   ThreadPool pool(command.threads);
   log_machine("nerf_train", pool.size(), command.train.precision);
   Scene scene = read_scene(command, pool, stop);
-  for (const std::string& warning : unused_options(command, line.given, scene.options.format))
+  for (const std::string& warning : unused_options(command, line.given, scene))
     log_warning(warning);
   PhotoSet photos = decode(scene, pool, stop);
   add_photo_scales(scene, photos, command.scales, learns_from_reduced_photos(command.train), pool);

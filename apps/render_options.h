@@ -81,8 +81,8 @@ struct RenderCommand {
     v("depth", depth, "colour-mapped depth pictures in DIR/depth");
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
     v("background", background,
-      "sRGB colour behind the scene, each 0 to 1; without it the one that the model was compared "
-      "over",
+      "sRGB colour behind the scene, each 0 to 1; without it what nerf_train --background said, or "
+      "white",
       at_least(0), at_most(1), metavar("R,G,B"));
     v("supersample", supersample,
       "rays along a pixel's side, averaged; 0: with the grid method so many that none is wider "

@@ -86,11 +86,14 @@ void check_given(const TrainCommand& command, const std::set<std::string>& given
 }
 
 std::vector<std::string> unused_options(const TrainCommand& command,
-                                        const std::set<std::string>& given, SceneFormat format) {
+                                        const std::set<std::string>& given, const Scene& scene) {
   std::vector<std::string> out;
+  const SceneFormat format = scene.options.format;
   if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
       format != SceneFormat::kVideo)
     out.push_back("--camera-model is not used: the capture comes with its cameras");
+  if (given.contains("background") && !scene.alpha)
+    out.push_back("--background is not used: the photos have no alpha");
   const bool grid = command.train.method == kGridMethod;
   if (grid && given.contains("scale"))
     out.push_back("--scale is not used: the grid method has one preset");

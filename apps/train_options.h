@@ -120,9 +120,9 @@ TrainCommand with_preset(const TrainCommand& command, const std::set<std::string
 // Throws Error for a value that only the default may have. `given` names what the command line set.
 void check_given(const TrainCommand& command, const std::set<std::string>& given);
 
-// Warnings of what was given and has no effect on a capture of that format.
+// Warnings of what was given and has no effect on that capture.
 std::vector<std::string> unused_options(const TrainCommand& command,
-                                        const std::set<std::string>& given, SceneFormat format);
+                                        const std::set<std::string>& given, const Scene& scene);
 
 // Takes from `saved`, the options that the run was begun with, what the command line does not give.
 // Throws Error naming an option that was given otherwise than then; options that change nothing of

@@ -58,8 +58,7 @@ class Compositing {
  private:
   static constexpr int kSamplesPerRay = 16, kRays = kChunkSamples / kSamplesPerRay;
   Tape tape_{kChunkSamples, kChunkRays};
-  Value density_ = 0, colour_ = 0;
-  Value pixel_ = 0;
+  Value density_ = 0, colour_ = 0, pixel_ = 0;
   std::vector<int32_t> ray_begin_;
   std::vector<std::unique_ptr<Chunk>> chunks_;
 };

@@ -84,7 +84,7 @@ RadianceField Trainer::snapshot() const {
   info.to_engine = impl_->scene.to_engine;
   info.unbounded = impl_->scene.unbounded;
   info.alpha = impl_->scene.alpha;
-  info.background = colour_of(impl_->options.background);
+  if (info.alpha) info.background = colour_of(impl_->options.background);
   info.near = impl_->scene.near;
   info.far = impl_->scene.far;
   std::vector<bool> held_out(impl_->scene.views.size(), false);

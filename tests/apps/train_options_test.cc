@@ -21,6 +21,15 @@ TEST(TrainOptionsText, EquivalentCommandKeepsWhatWasGiven) {
             "nerf_train 'my photos/it'\\''s' --downscale 2 --rate 0.5 --steps 77");
 }
 
+TEST(TrainOptionsText, ABackgroundNeedsPhotosWithAlpha) {
+  Scene opaque, cut_out;
+  cut_out.alpha = true;
+  EXPECT_EQ(apps::unused_options({}, {"background"}, opaque),
+            std::vector<std::string>{"--background is not used: the photos have no alpha"});
+  EXPECT_TRUE(apps::unused_options({}, {"background"}, cut_out).empty());
+  EXPECT_TRUE(apps::unused_options({}, {}, opaque).empty());
+}
+
 TEST(TrainOptionsText, DefaultRunFolderIsNamedAfterTheScene) {
   TempFolder folder;
   fs::create_directories(folder.path() / "garden.v2");

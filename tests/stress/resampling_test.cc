@@ -112,10 +112,15 @@ TEST_P(StressResampling, OneSpikeDrawsNearlyAllSamples) {
   EXPECT_GE(inside, kFine - 2);
 }
 
+std::string name_of(const ::testing::TestParamInfo<Resampling>& info) {
+  constexpr const char* kNames[] = {"coarse_fine", "blurred", "proposal"};
+  return kNames[static_cast<int>(info.param)];
+}
+
 INSTANTIATE_TEST_SUITE_P(Methods, StressResampling,
                          ::testing::Values(Resampling::kCoarseFine, Resampling::kBlurred,
                                            Resampling::kProposal),
-                         [](const auto& info) { return "method" + std::to_string(info.index); });
+                         name_of);
 
 }  // namespace
 }  // namespace nerf::stress
