@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <set>
 #include <sstream>
 
 #include "app.h"
@@ -12,7 +13,6 @@
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/kernels/simd.h"
-#include "nerf/train/methods.h"
 #include "options_cli.h"
 #include "train_options.h"
 
@@ -71,7 +71,7 @@ std::vector<AblationOptions::Variant> AblationOptions::variants() const {
   if (method == kGridMethod)
     throw Error("the grid method has no parts that can be taken out", "--method",
                 "give a paper's method, for example nerf");
-  const TrainOptions whole = method_options(method, scale);
+  const TrainOptions whole = training_command(arguments({"whole", {}})).train;
   const NetworkOptions& n = whole.network;
   const IntervalOptions& s = n.sampling;
   std::vector<Variant> out{{"whole", {}}};
@@ -111,14 +111,20 @@ std::vector<std::string> AblationOptions::arguments(const Variant& variant) cons
     out.insert(out.end(), {"--steps", std::to_string(steps)});
   else
     out.insert(out.end(), {"--minutes", fmt::format("{}", minutes)});
+  // The variant's options stand in place of the same ones given for all.
+  const std::set<std::string> replaced(variant.arguments.begin(), variant.arguments.end());
   std::istringstream further(with);
-  for (std::string word; further >> word;) out.push_back(word);
+  bool left_out = false;
+  for (std::string word; further >> word;) {
+    if (word.rfind("--", 0) == 0) left_out = replaced.contains(word.substr(0, word.find('=')));
+    if (!left_out) out.push_back(word);
+  }
   out.insert(out.end(), variant.arguments.begin(), variant.arguments.end());
   return out;
 }
 
 void AblationOptions::check_options() const {
-  for (const Variant& variant : variants()) check_training(arguments(variant));
+  for (const Variant& variant : variants()) training_command(arguments(variant));
 }
 
 ErrorCurve measure(const AblationOptions& options) {

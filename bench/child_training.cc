@@ -27,20 +27,22 @@ std::vector<std::string> training_arguments(const std::filesystem::path& scene, 
   return out;
 }
 
-void check_training(const std::vector<std::string>& arguments) {
+TrainCommand training_command(const std::vector<std::string>& arguments) {
   std::vector<const char*> argv{"nerf_train"};
   for (const std::string& a : arguments) argv.push_back(a.c_str());
   TrainCommand command;
   const CommandLine line =
       parse_command_line(static_cast<int>(argv.size()), argv.data(), train_program_text(), command);
-  validate_options(with_preset(command, line.given));
+  TrainCommand out = with_preset(command, line.given);
+  validate_options(out);
+  return out;
 }
 
 ChildTraining train_in_child(std::vector<std::string> arguments, const fs::path& folder) {
   arguments.insert(arguments.end(), {"-o", folder.string(), "--overwrite"});
   ChildTraining out;
   out.command = "nerf_train";
-  for (const std::string& a : arguments) out.command += " " + shell_quoted(a);
+  for (const std::string& a : arguments) out.command.append(" ").append(shell_quoted(a));
 
   const fs::path self = fs::read_symlink("/proc/self/exe").parent_path() / "nerf_train";
   arguments.insert(arguments.begin(), fs::exists(self) ? self.string() : "nerf_train");

@@ -21,8 +21,9 @@ struct ChildTraining {
 std::vector<std::string> training_arguments(const std::filesystem::path& scene, SplitChoice split,
                                             int downscale, uint64_t seed, int threads);
 
-// Throws Error where nerf_train would refuse them, before anything is trained.
-void check_training(const std::vector<std::string>& arguments);
+// What nerf_train makes of the arguments, presets applied. Throws Error where it would refuse them,
+// before anything is trained.
+TrainCommand training_command(const std::vector<std::string>& arguments);
 
 // Runs the nerf_train that stands beside this program (or the one in PATH) with the arguments and
 // `-o folder --overwrite`. Throws Error where it fails.

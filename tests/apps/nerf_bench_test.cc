@@ -91,6 +91,19 @@ TEST(NerfBench, AblationTakesOnePartOutAtATime) {
   const std::string model = testing_apps::read_text(out / "runs/whole/options.json");
   EXPECT_NE(model.find("\"method\": \"nerf\""), std::string::npos);
   EXPECT_NE(model.find("\"rays\": 64"), std::string::npos);
+  // What was given for all is counted in the even samples, and replaced where a variant needs to.
+  const ProgramResult even = run_program(
+      NERF_BENCH_PROGRAM,
+      {"ablation", (folder.path() / "capture").string(), "-o", out.string(), "--steps", "2",
+       "--filter", "hierarchical",
+       "--with=--network-sampling-coarse 5 --network-sampling-fine=7 --network-width 24"});
+  ASSERT_EQ(even.exit_code, 0) << even.err;
+  const std::vector<std::string> both = lines_of(testing_apps::read_text(out / "ablation.csv"));
+  ASSERT_EQ(both.size(), 3u);
+  EXPECT_NE(both[1].find("--network-sampling-fine=7"), std::string::npos) << both[1];
+  EXPECT_EQ(both[2].find("--network-sampling-fine=7"), std::string::npos) << both[2];
+  EXPECT_NE(both[2].find("--network-sampling-fine 17"), std::string::npos) << both[2];
+  EXPECT_NE(both[2].find("--network-width 24"), std::string::npos) << both[2];
 
   expect_refused(run_program(NERF_BENCH_PROGRAM,
                              {"ablation", "/nonexistent", "-o", out.string(), "--method", "grid"}),
