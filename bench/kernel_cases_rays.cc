@@ -6,7 +6,7 @@
 
 #include "kernel_bench.h"
 #include "nerf/autodiff/operations.h"
-#include "nerf/kernels/elementwise.h"
+#include "nerf/kernels/encoding.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/interval_sampler.h"
 
@@ -116,8 +116,7 @@ KernelCase resampling(const char* name, const IntervalOptions& o) {
 
 KernelRun harmonics_run(int threads) {
   struct Own {
-    AlignedArray<Real> x = noise(kChunkSamples, 1), y = noise(kChunkSamples, 2),
-                       z = noise(kChunkSamples, 3);
+    AlignedArray<Real> directions = noise(3 * kChunkSamples, 1);
     AlignedArray<Real> out{static_cast<size_t>(kChunkSamples) * kSphericalHarmonics};
   };
   auto all = std::make_shared<std::vector<Own>>(static_cast<size_t>(threads));
@@ -129,8 +128,8 @@ KernelRun harmonics_run(int threads) {
   run.run = [=](ThreadPool& pool) {
     pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
       Own& own = (*all)[static_cast<size_t>(thread)];
-      for (size_t i = 0; i < kChunkSamples; ++i)
-        spherical_harmonics(own.x[i], own.y[i], own.z[i], own.out.data() + i * kSphericalHarmonics);
+      spherical_harmonics(kChunkSamples, own.directions.data(), kChunkSamples, own.out.data(),
+                          kChunkSamples);
     });
   };
   return run;

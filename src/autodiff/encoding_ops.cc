@@ -101,14 +101,21 @@ class ViewCode : public Operation {
     const Real* d = c.data(inputs()[0]);
     const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
     Real* y = c.data(output());
-    const bool of_samples = c.tape->domain(output()) == Domain::kSamples;
-    for (int r = 0; r < c.rays; ++r) {
-      const int begin = of_samples ? c.ray_begin[r] : r;
-      const int end = of_samples ? c.ray_begin[r + 1] : r + 1;
-      Real code[kSphericalHarmonics];
-      spherical_harmonics(d[r], d[lr + r], d[2 * lr + r], code);
+    if (c.tape->domain(output()) == Domain::kRays) {
+      spherical_harmonics(c.rays, d, lr, y, ls);
       for (int k = 0; k < kSphericalHarmonics; ++k)
-        std::fill(y + k * ls + begin, y + k * ls + end, code[k]);
+        std::fill(y + k * ls + c.rays, y + k * ls + round_up(c.rays, kLane), 0.0_r);
+      return;
+    }
+    constexpr int kAtOnce = 64;
+    alignas(64) Real code[kSphericalHarmonics * kAtOnce];
+    for (int first = 0; first < c.rays; first += kAtOnce) {
+      const int n = std::min(kAtOnce, c.rays - first);
+      spherical_harmonics(n, d + first, lr, code, kAtOnce);
+      for (int k = 0; k < kSphericalHarmonics; ++k)
+        for (int r = 0; r < n; ++r)
+          std::fill(y + k * ls + c.ray_begin[first + r], y + k * ls + c.ray_begin[first + r + 1],
+                    code[k * kAtOnce + r]);
     }
   }
   void backward(Chunk&) const override {}  // directions are not trained

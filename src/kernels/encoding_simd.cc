@@ -108,6 +108,44 @@ void backward(int64_t n, const float* sine, const float* cosine, const float* d_
   }
 }
 
+// Constants are sqrt((2l+1)(l-|m|)! / (4 pi (l+|m|)!)) times the polynomial's own factor.
+void harmonics(int64_t n, const float* direction, int64_t direction_stride, float* code,
+               int64_t code_stride) {
+  const D d;
+  const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
+  const int64_t end = round_up(n, kLane);
+  const auto set = [](float c) { return hn::Set(D(), c); };
+  for (int64_t i = 0; i < end; i += lanes) {
+    const V x = hn::Load(d, direction + i);
+    const V y = hn::Load(d, direction + direction_stride + i);
+    const V z = hn::Load(d, direction + 2 * direction_stride + i);
+    const V xx = hn::Mul(x, x), yy = hn::Mul(y, y), zz = hn::Mul(z, z);
+    const V xy = hn::Mul(x, y), difference = hn::Sub(xx, yy);
+    const V ring = hn::NegMulAdd(set(5.0f), zz, set(1.0f));  // 1 - 5 z^2
+    float* out = code + i;
+    const auto next = [&](V value) {
+      hn::Store(value, d, out);
+      out += code_stride;
+    };
+    next(set(0.28209479177387814f));
+    next(hn::Mul(set(-0.48860251190291987f), y));
+    next(hn::Mul(set(0.48860251190291987f), z));
+    next(hn::Mul(set(-0.48860251190291987f), x));
+    next(hn::Mul(set(1.0925484305920792f), xy));
+    next(hn::Mul(set(-1.0925484305920792f), hn::Mul(y, z)));
+    next(hn::MulAdd(set(0.94617469575755997f), zz, set(-0.31539156525251999f)));
+    next(hn::Mul(set(-1.0925484305920792f), hn::Mul(x, z)));
+    next(hn::Mul(set(0.54627421529603959f), difference));
+    next(hn::Mul(hn::Mul(set(0.59004358992664352f), y), hn::NegMulAdd(set(3.0f), xx, yy)));
+    next(hn::Mul(hn::Mul(set(2.8906114426405538f), xy), z));
+    next(hn::Mul(hn::Mul(set(0.45704579946446572f), y), ring));
+    next(hn::Mul(hn::Mul(set(0.3731763325901154f), z), hn::MulSub(set(5.0f), zz, set(3.0f))));
+    next(hn::Mul(hn::Mul(set(0.45704579946446572f), x), ring));
+    next(hn::Mul(hn::Mul(set(1.4453057213202769f), z), difference));
+    next(hn::Mul(hn::Mul(set(0.59004358992664352f), x), hn::MulSub(set(3.0f), yy, xx)));
+  }
+}
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace nerf
@@ -117,6 +155,7 @@ HWY_AFTER_NAMESPACE();
 namespace nerf {
 HWY_EXPORT(forward);
 HWY_EXPORT(backward);
+HWY_EXPORT(harmonics);
 
 void sine_cosine_forward(int64_t n, const float* x, const float* variance, float frequency,
                          float weight, float* sine, float* cosine) {
@@ -125,6 +164,10 @@ void sine_cosine_forward(int64_t n, const float* x, const float* variance, float
 void sine_cosine_backward(int64_t n, const float* sine, const float* cosine, const float* d_sine,
                           const float* d_cosine, float frequency, float* dx, float* dvariance) {
   HWY_DYNAMIC_DISPATCH(backward)(n, sine, cosine, d_sine, d_cosine, frequency, dx, dvariance);
+}
+void spherical_harmonics(int64_t n, const float* direction, int64_t direction_stride, float* code,
+                         int64_t code_stride) {
+  HWY_DYNAMIC_DISPATCH(harmonics)(n, direction, direction_stride, code, code_stride);
 }
 }  // namespace nerf
 #endif

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "nerf/base/error.h"
+#include "nerf/kernels/encoding.h"
 #include "nerf/kernels/simd.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"

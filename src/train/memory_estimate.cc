@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "nerf/kernels/encoding.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/run.h"

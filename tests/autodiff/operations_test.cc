@@ -7,6 +7,7 @@
 
 #include "autodiff/reference_ops.h"
 #include "nerf/kernels/elementwise.h"
+#include "nerf/kernels/encoding.h"
 
 namespace nerf {
 namespace {

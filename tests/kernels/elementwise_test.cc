@@ -2,16 +2,13 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
 
-#include "golden/golden.h"
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
 #include "nerf/math/reference/activations.h"
-#include "nerf/math/reference/spherical_harmonics.h"
 #include "nerf/math/reference/volume_rendering.h"
 
 namespace nerf {
@@ -196,26 +193,6 @@ TEST(Elementwise, EveryCount) {
       }
     }
   });
-}
-
-// Polynomials of at most 5 products and 2 sums whose terms stay under 3 on the unit sphere.
-TEST(SphericalHarmonics, MatchTemplateAndGolden) {
-  WorstError worst("template"), golden("golden");
-  for (const std::vector<double>& v : golden_lines("encodings.txt", "harmonics")) {
-    const std::array<Real, 3> d{static_cast<Real>(v[0]), static_cast<Real>(v[1]),
-                                static_cast<Real>(v[2])};
-    Real out[kSphericalHarmonics];
-    spherical_harmonics(d[0], d[1], d[2], out);
-    const auto want = reference::spherical_harmonics<double>(d[0], d[1], d[2]);
-    for (size_t i = 0; i < 16; ++i) {
-      worst.compare(out[i], want[i], rounding_bound(8) * 3, d[0], d[1], d[2], "value", i);
-      // The direction itself was rounded: slopes up to 9 in each of three coordinates.
-      golden.compare(out[i], v[3 + i], rounding_bound(8) * 3 + 27 * kRoundoff, d[0], d[1], d[2],
-                     "value", i);
-    }
-  }
-  worst.report();
-  golden.report();
 }
 
 }  // namespace

@@ -5,9 +5,11 @@
 #include <cmath>
 #include <vector>
 
+#include "golden/golden.h"
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
 #include "nerf/math/reference/encoding.h"
+#include "nerf/math/reference/spherical_harmonics.h"
 
 namespace nerf {
 namespace {
@@ -143,6 +145,36 @@ TEST(SineCosine, BackwardAddsWhatTheFeaturesSay) {
       }
   });
   worst.report();
+}
+
+// Polynomials of at most 5 products and 2 sums whose terms stay under 3 on the unit sphere.
+TEST(SphericalHarmonics, MatchTemplateAndGolden) {
+  WorstError worst("template"), golden("golden");
+  const std::vector<std::vector<double>> lines = golden_lines("encodings.txt", "harmonics");
+  for_each_target([&](const std::string&) {
+    for (int64_t n : {int64_t{0}, int64_t{1}, int64_t{17}, static_cast<int64_t>(lines.size())}) {
+      Matrix direction(3, n), code(kSphericalHarmonics, n);
+      for (int64_t i = 0; i < direction.padded; ++i)
+        for (int k = 0; k < 3; ++k)
+          direction.at(k, i) =
+              i < n ? static_cast<Real>(lines[static_cast<size_t>(i)][static_cast<size_t>(k)]) : 0;
+      spherical_harmonics(n, direction.data.data(), direction.ld, code.data.data(), code.ld);
+      for (int64_t i = 0; i < n; ++i) {
+        const std::vector<double> d = direction.column(i);
+        const auto want = reference::spherical_harmonics<double>(d[0], d[1], d[2]);
+        for (size_t k = 0; k < want.size(); ++k) {
+          const double got = code.at(static_cast<int>(k), i);
+          worst.compare(got, want[k], rounding_bound(8) * 3, d[0], d[1], d[2], "value", k);
+          // The direction itself was rounded: slopes up to 9 in each of three coordinates.
+          golden.compare(got, lines[static_cast<size_t>(i)][3 + k],
+                         rounding_bound(8) * 3 + 27 * kRoundoff, d[0], d[1], d[2], "value", k);
+        }
+      }
+      code.expect_untouched_beyond_padding();
+    }
+  });
+  worst.report();
+  golden.report();
 }
 
 }  // namespace

@@ -34,8 +34,4 @@ void opacity(int64_t n, const Real* density, const Real* delta, Real* alpha);
 // y += x
 void add_to(int64_t n, const Real* x, Real* y);
 
-// Real spherical harmonics of degree 0 to 3 (16 values) of unit direction (x, y, z).
-inline constexpr int kSphericalHarmonics = 16;
-void spherical_harmonics(Real x, Real y, Real z, Real out[kSphericalHarmonics]);
-
 }  // namespace nerf

@@ -1,0 +1,21 @@
+// A chunk's rays and their values as the volume rendering kernels take them.
+#pragma once
+
+#include <algorithm>
+
+#include "nerf/autodiff/tape.h"
+#include "nerf/kernels/linear.h"
+#include "nerf/kernels/volume_rendering.h"
+
+namespace nerf::internal {
+
+inline RayRanges rays_of(const Chunk& c) { return {c.ray_begin, c.rays}; }
+inline ColourRows<const Real> data_rows(Chunk& c, Value v) { return {c.data(v), c.stride(v)}; }
+inline ColourRows<Real> gradient_rows(Chunk& c, Value v) { return {c.gradient(v), c.stride(v)}; }
+
+// Columns that belong to no ray take no part.
+inline void clear_padding(const Chunk& c, Real* gradient_row) {
+  std::fill(gradient_row + c.ray_begin[c.rays], gradient_row + round_up(c.samples, kLane), 0.0_r);
+}
+
+}  // namespace nerf::internal
