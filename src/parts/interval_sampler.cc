@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "nerf/base/error.h"
+#include "nerf/kernels/resampling.h"
 #include "nerf/math/step_function.h"
 
 namespace nerf {
@@ -112,10 +113,17 @@ void IntervalSampler::merge_fine(std::span<const Real> before, std::span<const R
     u_[i] = random ? random->uniform()
                    : (1 - kEpsilon) * static_cast<Real>(i) / static_cast<Real>(fine - 1);
   if (random) std::sort(u_.begin(), u_.end());
-  scratch_.resize(2 * before.size());
-  edges_.resize(fine);
-  resample_points<Real>(before, weights, u_, scratch_, edges_);
-  std::merge(before.begin(), before.end(), edges_.begin(), edges_.end(), out.begin());
+  // resample_points(): between the middles, without the first and the last weight.
+  const size_t bins = before.size() - 2;
+  edges_.resize(bins + 1);
+  mass_.resize(bins);
+  cdf_.resize(bins + 1);
+  scratch_.resize(fine);
+  for (size_t i = 0; i <= bins; ++i) edges_[i] = 0.5_r * (before[i] + before[i + 1]);
+  for (size_t i = 0; i < bins; ++i) mass_[i] = weights[i + 1] + static_cast<Real>(kRaisedWeight);
+  histogram_cdf(mass_, cdf_);
+  histogram_inverse(edges_, cdf_, u_, scratch_);
+  std::merge(before.begin(), before.end(), scratch_.begin(), scratch_.end(), out.begin());
 }
 
 void IntervalSampler::resample_blurred(std::span<const Real> before, std::span<const Real> weights,
@@ -123,7 +131,7 @@ void IntervalSampler::resample_blurred(std::span<const Real> before, std::span<c
   mass_.resize(weights.size());
   blur_weights<Real>(weights, options_.padding, mass_);
   cdf_.resize(before.size());
-  cumulative_shares<Real>(mass_, cdf_);
+  histogram_cdf(mass_, cdf_);
   u_.resize(out.size());
   const Real n = static_cast<Real>(out.size());
   for (size_t i = 0; i < out.size(); ++i) {
@@ -131,7 +139,7 @@ void IntervalSampler::resample_blurred(std::span<const Real> before, std::span<c
     u_[i] = random ? std::min((at + random->uniform()) / n, 1 - kEpsilon)
                    : (1 - kEpsilon) * at / (n - 1);
   }
-  invert_sorted<Real>(before, cdf_, u_, out);
+  histogram_inverse(before, cdf_, u_, out);
 }
 
 void IntervalSampler::resample_dilated(int level, std::span<const Real> before,
@@ -148,16 +156,16 @@ void IntervalSampler::resample_dilated(int level, std::span<const Real> before,
   const std::span<Real> mass = std::span(mass_).subspan(1, mass_.size() - 2);
   if (options_.padding > 0)
     for (Real& m : mass) m += options_.padding;
-  anneal_weights<Real>(edges, mass, exponent, mass);
+  histogram_anneal(edges, mass, exponent, mass);
   cdf_.resize(edges.size());
-  cumulative_shares<Real>(mass, cdf_);
+  histogram_cdf(mass, cdf_);
   const size_t n = static_cast<size_t>(samples(level));
   u_.resize(n);
   scratch_.resize(n);
   const Real offset = random ? random->uniform() : 0.5_r;  // one for the ray
   for (size_t i = 0; i < n; ++i)
     u_[i] = std::min((static_cast<Real>(i) + offset) / static_cast<Real>(n), 1 - kEpsilon);
-  invert_sorted<Real>(edges, cdf_, u_, scratch_);
+  histogram_inverse(edges, cdf_, u_, scratch_);
   posts_around<Real>(scratch_, 0, 1, out);
 }
 

@@ -48,9 +48,12 @@ void invert_sorted(std::span<const T> edges, std::span<const T> cdf, std::span<c
   }
 }
 
+// Added to every weight by resample_points(), as in the authors' code.
+inline constexpr double kRaisedWeight = 1e-5;
+
 // NeRF's fine samples (Mildenhall et al. 2020, section 5.2; sample_pdf of the authors' code): drawn
 // from the histogram of the coarse weights[1 .. n-1) between the middles of the n coarse positions,
-// each weight raised by 1e-5. u: sorted numbers in [0, 1). scratch: at least 2 n. n >= 3.
+// each weight raised by kRaisedWeight. u: sorted numbers in [0, 1). scratch: at least 2 n. n >= 3.
 template <class T>
 void resample_points(std::span<const T> coarse, std::span<const T> weights, std::span<const T> u,
                      std::span<T> scratch, std::span<T> out) {
@@ -59,9 +62,10 @@ void resample_points(std::span<const T> coarse, std::span<const T> weights, std:
                      cdf = scratch.subspan(bins + 1, bins + 1);
   for (size_t i = 0; i <= bins; ++i) edges[i] = T(0.5) * (coarse[i] + coarse[i + 1]);
   T total(0);
-  for (size_t i = 0; i < bins; ++i) total += weights[i + 1] + T(1e-5);
+  for (size_t i = 0; i < bins; ++i) total += weights[i + 1] + T(kRaisedWeight);
   cdf[0] = T(0);
-  for (size_t i = 0; i < bins; ++i) cdf[i + 1] = cdf[i] + (weights[i + 1] + T(1e-5)) / total;
+  for (size_t i = 0; i < bins; ++i)
+    cdf[i + 1] = cdf[i] + (weights[i + 1] + T(kRaisedWeight)) / total;
   cdf[bins] = T(1);
   invert_sorted<T>(edges, cdf, u, out);
 }
