@@ -15,6 +15,9 @@ namespace nerf {
 
 namespace {
 
+// Network samples after which every step takes exact rays: 3000 steps of the default batch.
+constexpr double kSamplesUntilSharp = 2e8;
+
 int cascades_of(const Scene& scene) {
   int c = 1;
   while (scene.unbounded && c < kMostCascades && std::ldexp(1.0, c - 1) < scene.far) ++c;
@@ -84,8 +87,10 @@ Real GridTrainer::rate_at(int64_t step) const {
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
-  // Squared: exact rays pay only once the field is sharp.
-  const double progress = progress_at(step);
+  // Squared: exact rays pay only once the field is sharp. When it is does not depend on how long
+  // the run goes on after that.
+  const double seen = static_cast<double>(step) * options.batch_samples;
+  const double progress = std::max(progress_at(step), std::min(1.0, seen / kSamplesUntilSharp));
   return options.grid.sampler.samples_per_cell *
          static_cast<Real>(std::lerp(options.early_samples, 1.0, progress * progress));
 }
