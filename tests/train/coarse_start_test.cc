@@ -1,5 +1,6 @@
 // What a training of the grid method begins with: blocks of pixels that stand for one
-// (TrainOptions::coarse_photos), and the coarser of its resolutions (late_levels).
+// (TrainOptions::coarse_photos), the coarser of its resolutions (late_levels), and fewer samples of
+// a ray (early_samples).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -7,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "math/worst_error.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 #include "train/grid_trainer.h"
@@ -116,6 +118,30 @@ TEST(LateLevels, AreLearntOnceTheyAreOn) {
   EXPECT_FALSE(changed(2) || changed(3));
   for (int step = 30; step < 60; ++step) trainer.step();
   for (size_t l = 0; l < 4; ++l) EXPECT_TRUE(changed(l)) << l;
+}
+
+// From the early share to all of them, with the square of the progress: to the end of a short run,
+// or to 200 million samples of a long one.
+TEST(SamplesPerCell, AreExactOnceTheFieldIsSharp) {
+  const auto c = test::sphere_capture(4, 16);
+  ThreadPool pool(1);
+  TrainOptions options = test::tiny_options(1000);
+  options.early_samples = 0.2;
+  options.hold = 0;
+  options.batch_samples = 1920;
+  const double all = options.grid.sampler.samples_per_cell;
+  const auto share = [&](int64_t step) {
+    const GridTrainer trainer(c.scene, c.photos, options, pool);
+    return static_cast<double>(trainer.samples_per_cell_at(step)) / all;
+  };
+  const double bound = 4 * kRoundoff;
+  EXPECT_NEAR(share(0), 0.2, bound);
+  EXPECT_NEAR(share(500), 0.2 + 0.8 * 0.25, bound);
+  EXPECT_NEAR(share(1000), 1, bound);
+  options.steps = 1000000;
+  const int64_t sharp = static_cast<int64_t>(2e8 / 1920);
+  EXPECT_NEAR(share(sharp / 2), 0.2 + 0.8 * 0.25, 1e-4);
+  EXPECT_NEAR(share(sharp + 1), 1, bound);
 }
 
 }  // namespace
