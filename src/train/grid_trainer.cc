@@ -15,7 +15,8 @@ namespace nerf {
 
 namespace {
 
-// Network samples after which every step takes exact rays: 3000 steps of the default batch.
+// Network samples after which every step of a bounded scene takes exact rays: 3000 steps of the
+// default batch.
 constexpr double kSamplesUntilSharp = 2e8;
 
 int cascades_of(const Scene& scene) {
@@ -87,10 +88,13 @@ Real GridTrainer::rate_at(int64_t step) const {
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
-  // Squared: exact rays pay only once the field is sharp. When it is does not depend on how long
-  // the run goes on after that.
-  const double seen = static_cast<double>(step) * options.batch_samples;
-  const double progress = std::max(progress_at(step), std::min(1.0, seen / kSamplesUntilSharp));
+  // Squared: exact rays pay only once the field is sharp. When a bounded scene is does not depend
+  // on how long the run goes on after that; an unbounded one gains from more rays to the end.
+  double progress = progress_at(step);
+  if (!field.unbounded) {
+    const double seen = static_cast<double>(step) * options.batch_samples;
+    progress = std::max(progress, std::min(1.0, seen / kSamplesUntilSharp));
+  }
   return options.grid.sampler.samples_per_cell *
          static_cast<Real>(std::lerp(options.early_samples, 1.0, progress * progress));
 }

@@ -121,9 +121,9 @@ TEST(LateLevels, AreLearntOnceTheyAreOn) {
 }
 
 // From the early share to all of them, with the square of the progress: to the end of a short run,
-// or to 200 million samples of a long one.
+// or to 200 million samples of a long one, where the scene is bounded.
 TEST(SamplesPerCell, AreExactOnceTheFieldIsSharp) {
-  const auto c = test::sphere_capture(4, 16);
+  auto c = test::sphere_capture(4, 16);
   ThreadPool pool(1);
   TrainOptions options = test::tiny_options(1000);
   options.early_samples = 0.2;
@@ -142,6 +142,9 @@ TEST(SamplesPerCell, AreExactOnceTheFieldIsSharp) {
   const int64_t sharp = static_cast<int64_t>(2e8 / 1920);
   EXPECT_NEAR(share(sharp / 2), 0.2 + 0.8 * 0.25, 1e-4);
   EXPECT_NEAR(share(sharp + 1), 1, bound);
+  c.scene.unbounded = true;
+  EXPECT_LT(share(sharp + 1), 0.22);
+  EXPECT_NEAR(share(1000000), 1, bound);
 }
 
 }  // namespace

@@ -97,7 +97,8 @@ struct TrainOptions {
     v("network_l2", network_l2, "weight decay of the networks", at_least(0));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
-      "steps take, and all after 200 million samples: many rays first, exact ones later",
+      "steps take, and where the scene is bounded all after 200 million samples: many rays first, "
+      "exact ones later",
       above(0), at_most(1));
     v("late_levels", late_levels,
       "share of the fall of the step size within which the finer half of the grid's resolutions is "
