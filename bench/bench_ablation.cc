@@ -141,8 +141,9 @@ ErrorCurve measure(const AblationOptions& options) {
   Chart chart;
   chart.name = "ablation";
   chart.title = curve.title;
-  chart.x = {"seconds of training", false, {}};
-  chart.y = {"PSNR, dB", false, {}};
+  chart.x = {"difference from the whole method, dB", false, {}};
+  chart.y = {"place: what is missed most first", false, {}};
+  chart.x_mark = 0;
   ChartSeries series{options.method, {}, false};
   double whole = 0;
   for (const AblationOptions::Variant& variant : options.variants()) {
@@ -162,9 +163,15 @@ ErrorCurve measure(const AblationOptions& options) {
          t.result["ssim"].is_null() ? "" : fmt::format("{:.4f}", number("ssim")),
          fmt::format("{:.1f}", seconds), fmt::format("{:.0f}", number("steps")),
          fmt::format("{:.0f}", number("samples_per_second")), t.command});
-    series.points.push_back({seconds, psnr, variant.name});
+    series.points.push_back({psnr - whole, 0, variant.name});
     std::printf("%-32s %7.3f dB  %+.3f\n", variant.name.c_str(), psnr, psnr - whole);
     std::fflush(stdout);
+  }
+  std::stable_sort(series.points.begin(), series.points.end(),
+                   [](const ChartPoint& a, const ChartPoint& b) { return a.x < b.x; });
+  for (size_t i = 0; i < series.points.size(); ++i) {
+    series.points[i].y = static_cast<double>(i + 1);
+    chart.y.ticks.push_back(series.points[i].y);
   }
   chart.series.push_back(std::move(series));
   curve.charts.push_back(std::move(chart));
