@@ -88,9 +88,13 @@ Real GridTrainer::rate_at(int64_t step) const {
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
+  return samples_per_cell_at(step, options.steps);
+}
+
+Real GridTrainer::samples_per_cell_at(int64_t step, int64_t steps) const {
   // Squared: exact rays pay only once the field is sharp. When a bounded scene is does not depend
   // on how long the run goes on after that; an unbounded one gains from more rays to the end.
-  double progress = progress_at(step);
+  double progress = progress_at(step, steps);
   if (!field.unbounded) {
     const double seen = static_cast<double>(step) * options.batch_samples;
     progress = std::max(progress, std::min(1.0, seen / kSamplesUntilSharp));
@@ -196,6 +200,20 @@ double GridTrainer::late_saving_seconds() {
     }
   }
   return least[0] < 1e30 ? least[0] - least[1] : 0;
+}
+
+double GridTrainer::late_saving_share(int64_t steps) const {
+  // What drawing costs is proportional to the number of rays that a batch has room for.
+  const auto rays = [&](int64_t step) {
+    return 1 / static_cast<double>(samples_per_cell_at(step, steps));
+  };
+  const double now = rays(done), last = rays(steps);
+  if (!(now > last)) return 1;
+  constexpr int kParts = 64;
+  double sum = 0;
+  for (int i = 0; i < kParts; ++i)
+    sum += now - rays(done + (std::max(steps, done) - done) * (2 * i + 1) / (2 * kParts));
+  return std::clamp(sum / kParts / (now - last), 0.0, 1.0);
 }
 
 void GridTrainer::run_chunks() {

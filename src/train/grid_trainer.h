@@ -35,6 +35,7 @@ struct GridTrainer final : TrainerImpl {
 
   StepReport step() override;
   double late_saving_seconds() override;
+  double late_saving_share(int64_t steps) const override;
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
   const GridField* grid() const override { return &field; }
@@ -44,6 +45,7 @@ struct GridTrainer final : TrainerImpl {
 
   Real rate_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
+  Real samples_per_cell_at(int64_t step, int64_t steps) const;  // of a plan of so many
   int64_t levels_at(int64_t step) const;
   int pixel_block_at(int64_t step) const;
   GridPoints points_of(int64_t chunk) const;

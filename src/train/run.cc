@@ -124,10 +124,15 @@ class Run {
   void plan(int64_t least) {
     const double left = std::max(budget_ - result_.train_seconds, 0.0);
     const double early = speed_.step_seconds_ahead();
-    // The saving grows from nothing to the whole of it.
-    const double late = std::max(0.25 * early, early - 0.5 * trainer_.late_saving_seconds());
-    const int64_t room = static_cast<int64_t>(left / (kLateStep * late));
-    const int64_t steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, room));
+    const double saving = trainer_.late_saving_seconds();
+    int64_t steps = least;
+    double late = early;
+    // How much of it is saved on the way depends on how many steps there are.
+    for (int i = 0; i < 3; ++i) {
+      const int64_t room = static_cast<int64_t>(left / (kLateStep * late));
+      steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, room));
+      late = std::max(0.25 * early, early - saving * trainer_.late_saving_share(steps));
+    }
     trainer_.set_planned_steps(steps);
     if (callbacks_.planned) callbacks_.planned(steps);
   }

@@ -47,8 +47,10 @@ bool learns_from_reduced_photos(const TrainOptions& options) {
   return options.method != kGridMethod || options.grid.sees_cones();
 }
 
-double TrainerImpl::progress_at(int64_t step) const {
-  const double total = static_cast<double>(std::max<int64_t>(options.steps, 1));
+double TrainerImpl::progress_at(int64_t step) const { return progress_at(step, options.steps); }
+
+double TrainerImpl::progress_at(int64_t step, int64_t steps) const {
+  const double total = static_cast<double>(std::max<int64_t>(steps, 1));
   const double share = std::min(1.0, static_cast<double>(step) / total);
   return std::max(0.0, share - options.hold) / (1 - options.hold);
 }
@@ -60,6 +62,7 @@ Trainer::~Trainer() = default;
 
 StepReport Trainer::step() { return impl_->step(); }
 double Trainer::late_saving_seconds() { return impl_->late_saving_seconds(); }
+double Trainer::late_saving_share(int64_t steps) const { return impl_->late_saving_share(steps); }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& callback, const Cancel* cancel) {
   while (impl_->done < impl_->options.steps) {

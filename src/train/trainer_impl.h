@@ -20,6 +20,7 @@ struct TrainerImpl {
   virtual StepReport step() = 0;
   // See Trainer::late_saving_seconds().
   virtual double late_saving_seconds() { return 0; }
+  virtual double late_saving_share(int64_t /*steps*/) const { return 0; }
   // The first weights (of the salt in force) and an optimiser without memory.
   virtual void begin_anew() = 0;
   virtual RadianceField snapshot(ModelInfo info) const = 0;
@@ -32,6 +33,7 @@ struct TrainerImpl {
 
   // 0 during the hold, then linearly to 1 at the end of the plan.
   double progress_at(int64_t step) const;
+  double progress_at(int64_t step, int64_t steps) const;  // of a plan of so many
   // Throws NonFiniteError that names the step (health.cc).
   void check_loss(double loss) const;
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <set>
 #include <utility>
@@ -142,6 +143,15 @@ TEST(SamplesPerCell, AreExactOnceTheFieldIsSharp) {
   const int64_t sharp = static_cast<int64_t>(2e8 / 1920);
   EXPECT_NEAR(share(sharp / 2), 0.2 + 0.8 * 0.25, 1e-4);
   EXPECT_NEAR(share(sharp + 1), 1, bound);
+  // A ray of all samples is drawn for a fifth of the cost: what is saved on the way.
+  const auto saved = [&](int64_t steps) {
+    return GridTrainer(c.scene, c.photos, options, pool).late_saving_share(steps);
+  };
+  // Of (1 - 1 / (1 + 4 p^2)) 5 / 4 over p in [0, 1].
+  const double mean = 1.25 * (1 - std::atan(2.0) / 2);
+  EXPECT_NEAR(saved(1000), mean, 1e-3);
+  EXPECT_NEAR(saved(sharp), mean, 1e-3);
+  EXPECT_NEAR(saved(4 * sharp), 0.75 + 0.25 * mean, 1e-2);
   c.scene.unbounded = true;
   EXPECT_LT(share(sharp + 1), 0.22);
   EXPECT_NEAR(share(1000000), 1, bound);

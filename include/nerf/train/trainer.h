@@ -183,6 +183,9 @@ class Trainer {
   // ray gets all its samples, than now: measured by drawing some for both. Training does not
   // change.
   double late_saving_seconds();
+  // Mean share of that saving over the steps from now to the end of a plan of `steps`: rays get
+  // their samples little by little.
+  double late_saving_share(int64_t steps) const;
 
   // Changes the planned length (a time budget fixes it after a warm-up). The steps before
   // options().hold of it do not depend on it.
