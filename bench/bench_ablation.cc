@@ -98,7 +98,7 @@ std::vector<AblationOptions::Variant> AblationOptions::variants() const {
   add("without view dependence", {"--no-network-view-dependence"});
   if (n.space == Space::kContract) add("without contraction", {"--network-space", "identity"});
   if (whole.recipe.distortion > 0) add("without distortion loss", {"--recipe-distortion", "0"});
-  if (s.spacing == Spacing::kUniform)
+  if (s.spacing == Spacing::kUniform && n.space != Space::kNdc)  // even in inverse depth already
     add("with inverse depth", {"--network-sampling-spacing", "inverse"});
   return out;
 }

@@ -147,10 +147,10 @@ void NetworkOptions::check_options() const {
                 "--network-sampling-spacing", "take uniform with --network-space ndc");
   if (image_code > 0 && !view_dependence)
     throw Error("photos' codes join the view direction, which colours do not depend on",
-                "--network-image-code", "leave it out, or --network-view-dependence on");
+                "--network-image-code", "leave it out, or give --network-view-dependence");
   if (!proposal_colour && shared && sampling.rounds > 0)
     throw Error("a network that all levels share has colours at every level", "--network-shared",
-                "leave it out, or --network-proposal-colour on");
+                "leave it out, or give --network-proposal-colour");
 }
 
 std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos) {

@@ -122,7 +122,13 @@ constexpr size_t kColumns = 11;
 using Line = std::array<std::string, kColumns>;
 
 Line grid_line() {
-  const GridOptions g = method_options(kGridMethod, Scale::kPaper).grid;
+  const TrainOptions o = method_options(kGridMethod, Scale::kPaper);
+  const GridOptions& g = o.grid;
+  Scene unbounded;
+  unbounded.unbounded = true;
+  std::string losses = fmt::format("Huber {}", o.huber_delta);
+  if (const double weight = distortion_weight(o, unbounded); weight > 0)
+    losses += fmt::format(", distortion {} unbounded", weight);
   return {kGridMethod,
           g.cone_points > 1 ? "cone" : "point",
           "identity/contract",
@@ -132,7 +138,7 @@ Line grid_line() {
           fmt::format("{}x{} + {}x{}", g.density_layers, g.hidden, g.colour_layers, g.hidden),
           "exp",
           "background",
-          "Huber",
+          losses,
           "Mueller et al. 2022"};
 }
 

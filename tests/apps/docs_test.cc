@@ -1,12 +1,15 @@
 // What the documents say about the programs' options.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cctype>
 #include <filesystem>
 #include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
+#include "nerf/train/methods.h"
 #include "run_program.h"
 
 namespace nerf {
@@ -52,6 +55,27 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
       EXPECT_TRUE(known.contains(option) || of_cmake.contains(option) ||
                   (option.starts_with("--no-") && known.contains("--" + option.substr(5))))
           << document.filename() << " names " << option;
+}
+
+// The table of docs/methods.md is what --list-methods prints, cell by cell.
+TEST(Docs, ListTheMethodsThatThereAre) {
+  const std::string document =
+      testing_apps::read_text(fs::path(NERF_SOURCE_DIR) / "docs" / "methods.md");
+  const std::string table = methods_table();
+  std::istringstream lines(table);
+  int rows = 0;
+  for (std::string line; std::getline(lines, line); ++rows) {
+    std::string row;
+    for (size_t at = 0; at < line.size();) {
+      size_t end = std::min(line.find("  ", at), line.size());
+      const std::string cell = line.substr(at, end - at);
+      row += rows > 0 && at == 0 ? "| `" + cell + "` " : "| " + cell + " ";
+      while (end < line.size() && line[end] == ' ') ++end;
+      at = end;
+    }
+    EXPECT_NE(document.find(row + "|\n"), std::string::npos) << row;
+  }
+  EXPECT_GE(rows, 5);
 }
 
 }  // namespace

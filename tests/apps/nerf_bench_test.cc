@@ -115,6 +115,10 @@ TEST(NerfBench, AblationTakesOnePartOutAtATime) {
     EXPECT_EQ(none.exit_code, 2);
     EXPECT_NE(none.err.find("/nonexistent: there is no such"), std::string::npos) << none.err;
   }
+  const ProgramResult ndc =
+      run_program(NERF_BENCH_PROGRAM,
+                  {"ablation", "/nonexistent", "-o", out.string(), "--with=--network-space ndc"});
+  EXPECT_NE(ndc.err.find("/nonexistent: there is no such"), std::string::npos) << ndc.err;
   expect_refused(run_program(NERF_BENCH_PROGRAM,
                              {"ablation", "/nonexistent", "-o", out.string(), "--with=--no-such"}),
                  "nerf_bench", {"--no-such"});

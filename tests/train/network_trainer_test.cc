@@ -13,6 +13,7 @@
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
 #include "support/tiny_options.h"
+#include "train/ray_batch.h"
 
 namespace nerf {
 namespace {
@@ -192,10 +193,13 @@ TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
   };
   EXPECT_TRUE(differs([](TrainOptions& o) { o.seed = 2; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.background = Background::kBlack; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.one_photo = !o.recipe.one_photo; }) ||
-              options.recipe.crop_steps >= 3);
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.crop = 0.25; }) ||
-              options.recipe.crop_steps == 0);
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.crop = 0.25; }));
+  // While the crop lasts, all rays are of one photo anyway.
+  options.recipe.crop_steps = 0;
+  const auto uncropped = bits_after(c, 1, options, 3);
+  options.recipe.one_photo = !options.recipe.one_photo;
+  EXPECT_NE(bits_after(c, 1, options, 3), uncropped);
+  options = tiny_method_options(GetParam(), 10);
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.density_noise = 1; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.distortion += 0.5_r; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.interlevel += 0.5_r; }));
@@ -251,7 +255,7 @@ TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
   EXPECT_GT(psnr_after(4), psnr_after(0) + 3);
 }
 
-TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {
+TEST_P(NetworkTraining, MemoryEstimateFollowsTheSetting) {
   const TrainOptions small = tiny_method_options(GetParam(), 10);
   const TrainOptions paper = method_options(GetParam(), Scale::kPaper);
   const uint64_t few = training_memory_bytes(small, false, 1);
@@ -260,6 +264,30 @@ TEST_P(NetworkTraining, MemoryIsEstimatedFromAbove) {
   EXPECT_GT(many, training_memory_bytes(paper, false, 1));
   // The paper's setting at its largest, mip-NeRF 360 on two threads.
   EXPECT_LT(many, uint64_t{4} << 30);
+}
+
+TEST(PixelSource, DrawsTheMiddleOfAPhoto) {
+  const auto c = sphere_capture(3, 32);
+  const PixelSource source(c.scene, c.photos);
+  for (const double share : {1.0, 0.5, 0.01}) {
+    const int middle = std::max(1, static_cast<int>(share * 32)), first = (32 - middle) / 2;
+    int low[2] = {32, 32}, high[2] = {-1, -1};
+    for (uint64_t i = 0; i < 2000; ++i) {
+      Random random(5, 0, i);
+      PixelSource::Pixel pixel;
+      ASSERT_TRUE(source.draw_from(1, random, share, pixel));
+      EXPECT_EQ(pixel.source, 1u);
+      for (const auto& [axis, at] : {std::pair{0, pixel.x}, {1, pixel.y}}) {
+        low[axis] = std::min(low[axis], at);
+        high[axis] = std::max(high[axis], at);
+      }
+    }
+    // 2000 draws leave out a given one of 32 columns once in 10^27.
+    for (const int axis : {0, 1}) {
+      EXPECT_EQ(low[axis], first) << share;
+      EXPECT_EQ(high[axis], first + middle - 1) << share;
+    }
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, NetworkTraining,
