@@ -104,6 +104,11 @@ std::vector<std::string> unused_options(const TrainCommand& command,
         field.name = name;
         out.push_back(option_flag(field) + " is not used by --method " + command.train.method);
       }
+  if (!grid && command.train.network.space == Space::kNdc &&
+      (given.contains("recipe.near") || given.contains("recipe.far")))
+    out.push_back(
+        "--recipe-near and --recipe-far are not used: normalised device coordinates go from the "
+        "near plane to infinity");
   if (command.holdout == Holdout::kNone &&
       (given.contains("eval_every") || given.contains("eval_views")))
     out.push_back("--eval-every and --eval-views are not used: nothing is held out");

@@ -28,6 +28,13 @@ TEST(TrainOptionsText, ABackgroundNeedsPhotosWithAlpha) {
             std::vector<std::string>{"--background is not used: the photos have no alpha"});
   EXPECT_TRUE(apps::unused_options({}, {"background"}, cut_out).empty());
   EXPECT_TRUE(apps::unused_options({}, {}, opaque).empty());
+  apps::TrainCommand nerf;
+  nerf.train = method_options("nerf", Scale::kTiny);
+  EXPECT_TRUE(apps::unused_options(nerf, {"recipe.near"}, opaque).empty());
+  nerf.train.network.space = Space::kNdc;
+  const std::vector<std::string> unused = apps::unused_options(nerf, {"recipe.near"}, opaque);
+  ASSERT_EQ(unused.size(), 1u);
+  EXPECT_EQ(unused[0].find("--recipe-near and --recipe-far are not used"), 0u) << unused[0];
 }
 
 TEST(TrainOptionsText, DefaultRunFolderIsNamedAfterTheScene) {
