@@ -8,6 +8,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 #include <hwy/contrib/math/math-inl.h>
+#include "kernels/part_vectors-inl.h"
 // clang-format on
 
 HWY_BEFORE_NAMESPACE();
@@ -30,14 +31,7 @@ HWY_INLINE V load_some(const float* p, size_t n) {
 }
 
 HWY_INLINE void store_some(V v, float* p, size_t n) {
-  const D d;
-  if (n >= kLanes) {
-    hn::StoreU(v, d, p);
-  } else {
-    HWY_ALIGN float some[kLanes];
-    hn::Store(v, d, some);
-    std::copy_n(some, n, p);
-  }
+  store_part(v, D(), p, static_cast<int64_t>(n));
 }
 
 // values = body(values) for n of them

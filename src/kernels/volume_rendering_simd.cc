@@ -9,6 +9,7 @@
 // clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include "kernels/part_vectors-inl.h"
 // clang-format on
 
 HWY_BEFORE_NAMESPACE();
@@ -40,17 +41,7 @@ HWY_INLINE VF load_floats(const float* p, int n) {
 }
 HWY_INLINE V load(const float* p, int n) { return hn::PromoteTo(D(), load_floats(p, n)); }
 
-HWY_INLINE void store(V v, float* p, int n) {
-  const DF d;
-  const VF f = hn::DemoteTo(d, v);
-  if (n >= kLanes) {
-    hn::StoreU(f, d, p);
-  } else {
-    HWY_ALIGN float some[kLanes];
-    hn::Store(f, d, some);
-    std::copy_n(some, n, p);
-  }
-}
+HWY_INLINE void store(V v, float* p, int n) { store_part(hn::DemoteTo(DF(), v), DF(), p, n); }
 
 HWY_INLINE V load_lengths(const float* delta, int n) {
   const VF longest = hn::Set(DF(), kLongestInterval);
@@ -60,19 +51,18 @@ HWY_INLINE V load_lengths(const float* delta, int n) {
 // A vector whose lane i is lane i + kBy of v, and `fill` where there is none.
 template <int kBy>
 HWY_INLINE V shifted(V v, double fill) {
-  constexpr int kSize = std::max(kLanes, 1);
   struct Places {
     constexpr Places() {
-      for (int i = 0; i < kSize; ++i) at[i] = std::clamp(i + kBy, 0, kSize - 1);
+      for (int i = 0; i < kLanes; ++i) at[i] = std::clamp(i + kBy, 0, kLanes - 1);
     }
-    alignas(64) int64_t at[kSize] = {};
+    alignas(64) int64_t at[kLanes] = {};
   };
   static constexpr Places places;
   const D d;
   const V moved = hn::TableLookupLanes(v, hn::SetTableIndices(d, places.at));
-  constexpr size_t kMoved = static_cast<size_t>(std::max(0, kSize - (kBy < 0 ? -kBy : kBy)));
+  constexpr size_t kMoved = static_cast<size_t>(std::max(0, kLanes - (kBy < 0 ? -kBy : kBy)));
   if constexpr (kBy > 0) return hn::IfThenElse(hn::FirstN(d, kMoved), moved, hn::Set(d, fill));
-  return hn::IfThenElse(hn::FirstN(d, kSize - kMoved), hn::Set(d, fill), moved);
+  return hn::IfThenElse(hn::FirstN(d, kLanes - kMoved), hn::Set(d, fill), moved);
 }
 
 // Lane i: the product of lanes 0 to i.

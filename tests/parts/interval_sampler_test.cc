@@ -4,10 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "golden/golden.h"
+#include "math/worst_error.h"
+#include "nerf/math/step_function.h"
 
 namespace nerf {
 namespace {
@@ -122,6 +125,31 @@ TEST(IntervalSampler, CoarsePositionsAreMerged) {
   const Floats all = next_level(sampler, 1, coarse, Floats(32, 0.1_r), &random);
   EXPECT_EQ(all.size(), 80u);
   EXPECT_TRUE(std::includes(all.begin(), all.end(), coarse.begin(), coarse.end()));
+}
+
+// The drawn positions are those of the template, which has golden values of its own. Every bin has
+// at least a fiftieth of the mean weight, so that a share's rounding moves a sample by no more than
+// 50 times as much of the ray.
+TEST(IntervalSampler, FinePositionsAreThoseOfTheTemplate) {
+  IntervalSampler sampler(options_of(Resampling::kCoarseFine, Spacing::kUniform), 2, 6);
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    Random random(seed, 1, 0);
+    const Floats coarse = first_level(sampler, &random);
+    Floats weights(coarse.size());
+    for (Real& w : weights) w = 0.02_r + random.uniform();
+    const Floats all = next_level(sampler, 1, coarse, weights, nullptr);
+    const size_t fine = all.size() - coarse.size();
+    std::vector<double> u(fine), drawn(fine), scratch(2 * coarse.size());
+    const double last = 1 - static_cast<double>(std::numeric_limits<Real>::epsilon());
+    for (size_t i = 0; i < fine; ++i)
+      u[i] = last * static_cast<double>(i) / static_cast<double>(fine - 1);
+    const std::vector<double> x(coarse.begin(), coarse.end()), w(weights.begin(), weights.end());
+    resample_points<double>(x, w, u, scratch, drawn);
+    std::vector<double> want(all.size());
+    std::merge(x.begin(), x.end(), drawn.begin(), drawn.end(), want.begin());
+    for (size_t i = 0; i < all.size(); ++i)
+      EXPECT_NEAR(all[i], want[i], 2 * 32 * kRoundoff * 50 * 4) << i;
+  }
 }
 
 // Nearly all samples go where the weight is.
