@@ -167,8 +167,8 @@ ErrorCurve measure(const AblationOptions& options) {
     std::printf("%-32s %7.3f dB  %+.3f\n", variant.name.c_str(), psnr, psnr - whole);
     std::fflush(stdout);
   }
-  std::stable_sort(series.points.begin(), series.points.end(),
-                   [](const ChartPoint& a, const ChartPoint& b) { return a.x < b.x; });
+  std::sort(series.points.begin(), series.points.end(),
+            [](const ChartPoint& a, const ChartPoint& b) { return a.x < b.x; });
   for (size_t i = 0; i < series.points.size(); ++i) {
     series.points[i].y = static_cast<double>(i + 1);
     chart.y.ticks.push_back(series.points[i].y);
