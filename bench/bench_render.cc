@@ -82,8 +82,7 @@ void compare_rendering(const fs::path& run, int views, int threads, std::optiona
   RenderOptions skip;
   skip.background = evaluation_background(field.info());
   RenderOptions all = skip;
-  all.unclipped = true;
-  all.unshaded = 0;
+  all.skip_nothing();
   std::vector<double> seconds, all_seconds, psnr_skip, psnr_all;
   double alike = kHighestPsnr, difference = 0;
   for (size_t i = 0; i < scene.views.size(); ++i) {

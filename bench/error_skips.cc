@@ -38,9 +38,7 @@ RadianceField without_occupancy(const RadianceField& field) {
 // Everything that can be switched off is.
 RenderOptions every_skip_off() {
   RenderOptions o;
-  o.unclipped = true;
-  o.min_transmittance = 0;
-  o.unshaded = 0;
+  o.skip_nothing();
   o.precision = Precision::kF32;
   return o;
 }
@@ -56,6 +54,18 @@ std::vector<Setting> settings(bool grid) {
     o.unshaded = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("unshaded 1/{}", share);
     all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
+  }
+  for (const int share : {32, 16, 8, 4}) {
+    RenderOptions o = off;
+    o.shared_colour = 1.0_r / static_cast<Real>(share);
+    const std::string text = fmt::format("shared colour 1/{}", share);
+    all.push_back({"shared colour", text, fmt::format("1/{}", share), o});
+  }
+  for (const int power : {6, 4, 3, 2}) {
+    RenderOptions o = off;
+    o.stop_transmittance = static_cast<Real>(std::pow(10, -power));
+    const std::string text = fmt::format("network's stop 1e-{}", power);
+    all.push_back({"network's stop", text, fmt::format("1e-{}", power), o});
   }
   if (bf16_unit() != Bf16Unit::kNone) {
     RenderOptions o = off;

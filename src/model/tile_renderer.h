@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "model/oblique_box.h"
@@ -14,16 +16,20 @@
 
 namespace nerf::internal {
 
-// A pixel's ray on its way through the network: its samples may span several chunks.
-struct PixelState {
+// A pixel's ray on its way through the network.
+struct TileRay {
   int pixel = 0;
-  double transmittance = 1;  // a product of many 1 - alpha; in float thin matter loses its opacity
-  Real unshaded = 0;         // weight of the samples left without colour
-  Real median = -1;          // distance at which half of the light is stopped
-  double start = 0;          // of the march, from the camera
-  Real forward = 1;          // cosine between ray and optical axis
-  bool continued = false;    // from the chunk before
-  Real radius = 0;           // of the pixel's cone at distance 1; GridOptions::sees_cones
+  size_t begin = 0, end = 0;  // its samples among the tile's
+  size_t next = 0;            // the first that the network was not asked for yet
+  double transmittance = 1;   // a product of many 1 - alpha; in float thin matter loses its opacity
+  Real unshaded = 0;          // weight of the samples left without colour
+  Real shared = 0;            // weight of those whose features are summed for one colour
+  Real median = -1;           // distance at which half of the light is stopped
+  Vec3 entry, direction;      // of the march, engine coordinates
+  double start = 0;           // of the march, from the camera
+  Real forward = 1;           // cosine between ray and optical axis
+  Real radius = 0;            // of the pixel's cone at distance 1; GridOptions::sees_cones
+  bool finished = false;
 };
 
 // One thread's renderer of tiles.
@@ -47,8 +53,6 @@ class TileRenderer {
     chunk_.packs = shading_.packs = &packs;
     const size_t points = static_cast<size_t>(field.options.cone_points) * kChunkSamples;
     for (auto* a : {&x_, &y_, &z_, &spread_}) *a = AlignedArray<Real>(points);
-    t_.resize(kChunkSamples);
-    geometry_sums_.resize(static_cast<size_t>(field.options.geometry_features));
     ray_begin_.resize(kChunkRays + 1);
     shaded_begin_.resize(kChunkRays + 1);
   }
@@ -56,9 +60,12 @@ class TileRenderer {
   void render_tile(int x0, int y0, int x1, int y1, Frame& frame, double unit) {
     frame_ = &frame;
     unit_ = unit;
+    rays_.clear();
+    t_.clear();
+    delta_.clear();
     for (int y = y0; y < y1; ++y)
-      for (int x = x0; x < x1; ++x) render_pixel(x, y);
-    flush();
+      for (int x = x0; x < x1; ++x) march(x, y);
+    ask();
     shade();
     // Sums of many colours may end a few roundings above the brightest.
     for (int y = y0; y < y1; ++y) {
@@ -85,65 +92,75 @@ class TileRenderer {
     return !box_ || box_->clip(ray.origin, ray.direction, ray.near, ray.far);
   }
 
-  void render_pixel(int x, int y) {
-    PixelState state;
-    state.pixel = y * camera_.width + x;
+  // Places the samples of a pixel's ray.
+  void march(int x, int y) {
+    TileRay ray;
+    ray.pixel = y * camera_.width + x;
     const auto direction = unproject(camera_, {x + 0.5, y + 0.5});
-    if (!direction) {
-      finish(state);
-      return;
-    }
+    if (!direction) return finish(ray);
     const Vec3d in_camera = normalized(*direction);
-    Ray ray;
-    ray.origin = pose_.translation;
-    ray.direction = pose_.rotation * in_camera;
-    ray.near = near_;
-    if (!inside_box(ray)) {
-      finish(state);
-      return;
-    }
-    const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
-                                         : sampler_.sample(ray, nullptr, true, samples_);
+    Ray line;
+    line.origin = pose_.translation;
+    line.direction = pose_.rotation * in_camera;
+    line.near = near_;
+    if (!inside_box(line)) return finish(ray);
+    const int count = options_.unclipped ? sampler_.sample_all(line, 4, samples_)
+                                         : sampler_.sample(line, nullptr, true, samples_);
     ++statistics_.rays;
     statistics_.segments += static_cast<int64_t>(sampler_.segments().size());
-    if (count == 0) {
-      finish(state);
-      return;
-    }
-    state.start = sampler_.start();
-    state.forward = static_cast<Real>(in_camera.z);
+    if (count == 0) return finish(ray);
+    ray.entry = sampler_.entry();
+    ray.direction = line.direction.cast<Real>();
+    ray.start = sampler_.start();
+    ray.forward = static_cast<Real>(in_camera.z);
     if (field_.options.sees_cones())
-      state.radius = static_cast<Real>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
-    const Vec3 d = ray.direction.cast<Real>();
-    for (int from = 0; from < count;) {
-      if (samples_used_ == kChunkSamples || rays_ == kChunkRays) flush();
-      const int take = std::min(count - from, kChunkSamples - samples_used_);
-      // A ray goes on in the next chunk only where it does not fit into a whole one.
-      if (take < count - from && samples_used_ > 0 && count <= kChunkSamples) {
-        flush();
-        continue;
+      ray.radius = static_cast<Real>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
+    ray.begin = ray.next = t_.size();
+    t_.insert(t_.end(), samples_.t.begin(), samples_.t.end());
+    delta_.insert(delta_.end(), samples_.delta.begin(), samples_.delta.end());
+    ray.end = t_.size();
+    rays_.push_back(ray);
+  }
+
+  // Asks the network a stretch of every ray after the other, from the camera on: what lies behind
+  // opaque matter is not asked for, and chunks are full nevertheless.
+  void ask() {
+    constexpr size_t kStretch = 6;  // samples
+    geometry_sums_.assign(rays_.size() * geometry_features(), 0.0);
+    waiting_.resize(rays_.size());
+    std::iota(waiting_.begin(), waiting_.end(), size_t{0});
+    while (!waiting_.empty()) {
+      for (const size_t r : waiting_) {
+        const size_t until = std::min(rays_[r].next + kStretch, rays_[r].end);
+        while (!rays_[r].finished && rays_[r].next < until) {
+          if (samples_used_ == kChunkSamples || parts_ == kChunkRays)
+            flush();
+          else
+            add_part(r, until);
+        }
       }
-      add_part(state, d, from, take, from + take == count);
-      from += take;
-      if (from < count) {
-        flush();
-        state = carried_;
-      }
+      flush();
+      std::erase_if(waiting_, [&](size_t r) { return rays_[r].finished; });
     }
   }
 
-  void add_part(const PixelState& state, const Vec3& d, int from, int take, bool last) {
+  // As many of the ray's samples before `until` as the chunk has room for.
+  void add_part(size_t r, size_t until) {
     constexpr int64_t lr = kChunkRays;
+    TileRay& ray = rays_[r];
     Real* delta = chunk_.data(tape_.delta);
-    ConeSample sample{sampler_.entry(), d};
-    sample.radius = state.radius;
-    for (int i = 0; i < take; ++i) {
-      const size_t s = static_cast<size_t>(from + i);
-      const size_t at = static_cast<size_t>(samples_used_ + i);
-      sample.t = t_[at] = samples_.t[s];
-      sample.delta = samples_.delta[s];
-      sample.distance = static_cast<Real>(state.start) + sample.t;
-      if (s % 2 == 1) {  // neighbours wind against each other, half a step apart
+    ConeSample sample{ray.entry, ray.direction};
+    sample.radius = ray.radius;
+    part_ray_[parts_] = r;
+    part_first_[parts_] = ray.next;
+    ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
+    for (; ray.next < until && samples_used_ < kChunkSamples; ++ray.next, ++samples_used_) {
+      const size_t at = static_cast<size_t>(samples_used_);
+      sample.t = t_[ray.next];
+      sample.delta = delta_[ray.next];
+      sample.distance = static_cast<Real>(ray.start) + sample.t;
+      if ((ray.next - ray.begin) % 2 ==
+          1) {  // neighbours wind against each other, half a step apart
         sample.reversed = true;
         sample.cosine = std::sqrt(3.0_r) / 2;
         sample.sine = 0.5_r;
@@ -154,20 +171,16 @@ class TileRenderer {
       }
       place_points(field_, sample, kChunkSamples, x_.data() + at, y_.data() + at, z_.data() + at,
                    field_.options.antialias ? spread_.data() + at : nullptr);
-      delta[at] = samples_.delta[s];
+      delta[at] = sample.delta;
     }
     Real* directions = chunk_.data(tape_.directions);
-    for (int k = 0; k < 3; ++k) directions[k * lr + rays_] = d[k];
-    ray_begin_[static_cast<size_t>(rays_)] = samples_used_;
-    states_[static_cast<size_t>(rays_)] = state;
-    last_[static_cast<size_t>(rays_)] = last;
-    ++rays_;
-    samples_used_ += take;
-    ray_begin_[static_cast<size_t>(rays_)] = samples_used_;
+    for (int k = 0; k < 3; ++k) directions[k * lr + parts_] = ray.direction[k];
+    ++parts_;
+    ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
   }
 
   void flush() {
-    if (rays_ == 0) return;
+    if (parts_ == 0) return;
     const int64_t padded = round_up(samples_used_, kLane);
     Real* delta = chunk_.data(tape_.delta);
     for (int64_t i = samples_used_; i < padded; ++i) {
@@ -179,7 +192,7 @@ class TileRenderer {
       delta[i] = 0;
     }
     chunk_.samples = samples_used_;
-    chunk_.rays = rays_;
+    chunk_.rays = parts_;
     chunk_.ray_begin = ray_begin_.data();
     encode(field_,
            {x_.data(), y_.data(), z_.data(), field_.options.antialias ? spread_.data() : nullptr,
@@ -191,67 +204,60 @@ class TileRenderer {
     const Real* geometry = chunk_.data(tape_.geometry);
     const bool per_ray = field_.options.colour_per_ray;
     statistics_.density_evaluations += samples_used_;
-    for (int r = 0; r < rays_; ++r) {
-      PixelState& state = states_[static_cast<size_t>(r)];
-      const int begin = ray_begin_[static_cast<size_t>(r)];
-      const int end = ray_begin_[static_cast<size_t>(r) + 1];
+    for (int part = 0; part < parts_; ++part) {
+      const size_t r = part_ray_[part];
+      TileRay& ray = rays_[r];
+      const int begin = ray_begin_[static_cast<size_t>(part)];
+      const int end = ray_begin_[static_cast<size_t>(part) + 1];
       for (int i = begin; i < end; ++i) {
         const double alpha = alphas[i];
-        const Real w = static_cast<Real>(state.transmittance * alpha);
-        if (per_ray)
-          weights_[static_cast<size_t>(i)] = w;
-        else if (state.unshaded + w <= options_.unshaded)
-          state.unshaded += w;
-        else
-          add_shaded(state.pixel, r, geometry + i, kChunkSamples, w);
-        state.transmittance *= 1 - alpha;
-        if (state.median < 0 && state.transmittance <= 0.5)
-          state.median = t_[static_cast<size_t>(i)];
+        const Real w = static_cast<Real>(ray.transmittance * alpha);
+        if (!per_ray && ray.unshaded + w <= options_.unshaded) {
+          ray.unshaded += w;
+        } else {
+          if (!per_ray && ray.shared + w > options_.shared_colour) add_shaded(r);
+          ray.shared += w;
+          double* sums = geometry_sums_.data() + r * geometry_features();
+          for (size_t f = 0; f < geometry_features(); ++f)
+            sums[f] += static_cast<double>(w) *
+                       static_cast<double>(geometry[f * kChunkSamples + static_cast<size_t>(i)]);
+        }
+        ray.transmittance *= 1 - alpha;
+        if (ray.median < 0 && ray.transmittance <= 0.5)
+          ray.median = t_[part_first_[part] + static_cast<size_t>(i - begin)];
       }
-      if (per_ray) sum_geometry(begin, end, state.continued);
-      if (last_[static_cast<size_t>(r)]) {
-        const Real alpha = static_cast<Real>(1 - state.transmittance);
-        if (per_ray && alpha > options_.unshaded)
-          add_shaded(state.pixel, r, geometry_sums_.data(), 1, alpha);
-        finish(state);
-      } else {
-        carried_ = state;
-        carried_.continued = true;
-      }
+      if (ray.next < ray.end && !(ray.transmittance < options_.stop_transmittance)) continue;
+      if (!per_ray || 1 - ray.transmittance > options_.unshaded) add_shaded(r);
+      finish(ray);
     }
-    rays_ = samples_used_ = 0;
+    parts_ = samples_used_ = 0;
   }
 
-  // Weights times features of the samples [begin, end) of one ray, behind those of the chunk
-  // before.
-  void sum_geometry(int begin, int end, bool continued) {
-    for (size_t f = 0; f < geometry_sums_.size(); ++f) {
-      const Real* row = chunk_.data(tape_.geometry) + static_cast<int64_t>(f) * kChunkSamples;
-      double sum = continued ? geometry_sums_[f] : 0;
-      for (int i = begin; i < end; ++i)
-        sum += static_cast<double>(weights_[static_cast<size_t>(i)]) * static_cast<double>(row[i]);
-      geometry_sums_[f] = sum;
-    }
-  }
+  size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }
 
-  // Features of ray r, those of a sample that matters or of all together, wait for the colour
-  // network with others.
-  template <class T>
-  void add_shaded(int pixel, int r, const T* from, int64_t stride, Real weight) {
+  // The features that a ray's samples have summed wait for the colour network with others.
+  void add_shaded(size_t r) {
+    TileRay& ray = rays_[r];
+    if (!(ray.shared > 0)) return;
     if (shaded_ == kChunkSamples) shade();
     const bool same_ray =
-        shaded_rays_ > 0 && shaded_pixel_[static_cast<size_t>(shaded_ - 1)] == pixel;
+        shaded_rays_ > 0 && shaded_pixel_[static_cast<size_t>(shaded_ - 1)] == ray.pixel;
     if (!same_ray) {
       for (int k = 0; k < 3; ++k)
-        shading_.data(tape_.directions)[k * kChunkRays + shaded_rays_] =
-            chunk_.data(tape_.directions)[k * kChunkRays + r];
+        shading_.data(tape_.directions)[k * kChunkRays + shaded_rays_] = ray.direction[k];
       shaded_begin_[static_cast<size_t>(shaded_rays_++)] = shaded_;
     }
+    // One colour for the whole ray is that of the sum, not of the mean.
+    const bool per_ray = field_.options.colour_per_ray;
+    const double scale = per_ray ? 1 : 1 / static_cast<double>(ray.shared);
     Real* to = shading_.data(tape_.geometry) + shaded_;
-    for (int f = 0; f < field_.options.geometry_features; ++f)
-      to[int64_t{f} * kChunkSamples] = static_cast<Real>(from[int64_t{f} * stride]);
-    shaded_pixel_[static_cast<size_t>(shaded_)] = pixel;
-    shaded_weight_[static_cast<size_t>(shaded_)] = weight;
+    double* sums = geometry_sums_.data() + r * geometry_features();
+    for (size_t f = 0; f < geometry_features(); ++f)
+      to[f * kChunkSamples] = static_cast<Real>(std::exchange(sums[f], 0.0) * scale);
+    shaded_pixel_[static_cast<size_t>(shaded_)] = ray.pixel;
+    shaded_weight_[static_cast<size_t>(shaded_)] =
+        per_ray ? static_cast<Real>(1 - ray.transmittance) : ray.shared;
+    ray.shared = 0;
     ++shaded_;
   }
 
@@ -273,14 +279,15 @@ class TileRenderer {
     shaded_ = shaded_rays_ = 0;
   }
 
-  void finish(const PixelState& s) {
-    const size_t p = static_cast<size_t>(s.pixel);
+  void finish(TileRay& ray) {
+    const size_t p = static_cast<size_t>(ray.pixel);
     for (int k = 0; k < 3; ++k)
       frame_->rgb[3 * p + static_cast<size_t>(k)] +=
-          static_cast<Real>(s.transmittance * options_.background[k]);
-    frame_->alpha[p] = static_cast<Real>(1 - s.transmittance);
+          static_cast<Real>(ray.transmittance * options_.background[k]);
+    frame_->alpha[p] = static_cast<Real>(1 - ray.transmittance);
     frame_->depth_z[p] =
-        s.median < 0 ? 0.0_r : static_cast<Real>((s.start + s.median) * s.forward * unit_);
+        ray.median < 0 ? 0.0_r : static_cast<Real>((ray.start + ray.median) * ray.forward * unit_);
+    ray.finished = true;
   }
 
   const GridField& field_;
@@ -294,13 +301,16 @@ class TileRenderer {
   RaySampler sampler_;
   RaySamples samples_;
   AlignedArray<Real> x_, y_, z_, spread_;  // [GridOptions::cone_points][kChunkSamples]
-  AlignedArray<Real> alphas_{kChunkSamples}, weights_{kChunkSamples};
-  std::vector<double> geometry_sums_;  // of the ray at hand; GridOptions::colour_per_ray
-  std::vector<Real> t_;
+  AlignedArray<Real> alphas_{kChunkSamples};
+  // Of the tile: rays that meet matter, their samples one ray after the other.
+  std::vector<TileRay> rays_;
+  std::vector<Real> t_, delta_;
+  std::vector<size_t> waiting_;        // rays that are not finished
+  std::vector<double> geometry_sums_;  // of each ray: features times weights, to be shaded
+  // Of the chunk: parts of rays.
+  size_t part_ray_[kChunkRays], part_first_[kChunkRays];  // which ray's, and its first sample
   std::vector<int32_t> ray_begin_;
-  PixelState states_[kChunkRays], carried_;
-  bool last_[kChunkRays];
-  int rays_ = 0, samples_used_ = 0;
+  int parts_ = 0, samples_used_ = 0;
   std::vector<int32_t> shaded_begin_;
   int shaded_pixel_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];

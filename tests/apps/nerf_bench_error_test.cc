@@ -162,6 +162,9 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
             2 * number(off, "density_evaluations"));
   EXPECT_TRUE(differ("unshaded 1/1024", off));
   EXPECT_TRUE(differ("unshaded 1/64", "unshaded 1/1024"));
+  EXPECT_TRUE(differ("shared colour 1/32", off));
+  EXPECT_TRUE(differ("shared colour 1/4", "shared colour 1/32"));
+  EXPECT_TRUE(differ("network's stop 1e-2", "network's stop 1e-6"));
   EXPECT_EQ(skips.contains("bf16"), bf16_unit() != Bf16Unit::kNone);
   if (skips.contains("bf16")) {
     EXPECT_TRUE(differ("bf16", off));

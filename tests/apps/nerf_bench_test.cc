@@ -50,10 +50,11 @@ TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
       << again.out;
 
   const std::vector<std::string> curve = lines_of(testing_apps::read_text(out / "quality.csv"));
-  ASSERT_EQ(curve.size(), 3u);
+  ASSERT_GE(curve.size(), 3u);  // a run that a busy machine draws out is evaluated on its way too
   EXPECT_EQ(curve[0], "run,seed,seconds,step,psnr,ssim,views");
   EXPECT_EQ(curve[1].rfind("m0.02_s1,1,", 0), 0u) << curve[1];
   EXPECT_TRUE(curve[1].ends_with(",2")) << curve[1];
+  EXPECT_EQ(curve.back().rfind("m0.01_s1,1,", 0), 0u) << curve.back();
 }
 
 TEST(NerfBench, MistakesAreFoundBeforeAnythingIsWritten) {

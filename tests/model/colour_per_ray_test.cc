@@ -17,16 +17,16 @@
 namespace nerf {
 namespace {
 
-GridOptions per_ray_options() {
+GridOptions small_options(bool per_ray) {
   GridOptions o = test::small_options(1, 1);
-  o.colour_per_ray = true;
+  o.colour_per_ray = per_ray;
   return o;
 }
 
 // A field of random content whose cells are all occupied: with four samples in each of them most
 // rays need more than one chunk.
-std::shared_ptr<GridField> random_field() {
-  auto grid = std::make_shared<GridField>(per_ray_options(), /*unbounded=*/false, 1);
+std::shared_ptr<GridField> random_field(bool per_ray = true) {
+  auto grid = std::make_shared<GridField>(small_options(per_ray), /*unbounded=*/false, 1);
   grid->initialise(7);
   for (Real& v : grid->table) v *= 1e4_r;
   grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 20));
@@ -41,7 +41,7 @@ class SamplesOfARay {
     chunk_.weights = field.weights.data();
   }
 
-  // Colour over a background of 0, and opacity.
+  // Colour over a background of 0, that of the features' sum or of their mean, and opacity.
   std::vector<double> pixel(const RaySampler& sampler, const RaySamples& samples, const Vec3& d) {
     const int features = field_.options.geometry_features;
     std::vector<double> sums(static_cast<size_t>(features));
@@ -65,8 +65,8 @@ class SamplesOfARay {
     chunk_.samples = chunk_.rays = 1;
     chunk_.ray_begin = one;
     for (int f = 0; f < features; ++f)
-      chunk_.data(tape_.geometry)[f * chunk_.stride(tape_.geometry)] =
-          static_cast<Real>(sums[static_cast<size_t>(f)]);
+      chunk_.data(tape_.geometry)[f * chunk_.stride(tape_.geometry)] = static_cast<Real>(
+          sums[static_cast<size_t>(f)] / (field_.options.colour_per_ray ? 1 : 1 - light));
     tape_.forward_colour(chunk_);
     std::vector<double> out;
     for (int k = 0; k < 3; ++k)
@@ -104,8 +104,8 @@ class SamplesOfARay {
   int32_t begin_[2];
 };
 
-TEST(ColourPerRay, PicturesAreThoseOfTheSums) {
-  const auto grid = random_field();
+// The picture of a field with one colour for each ray, against one put together by hand.
+void expect_one_colour_a_ray(const std::shared_ptr<GridField>& grid, RenderOptions options) {
   ModelInfo info;
   info.near = 1e-3;
   const RadianceField radiance(std::move(info), grid);
@@ -113,9 +113,6 @@ TEST(ColourPerRay, PicturesAreThoseOfTheSums) {
   Pose pose;
   pose.translation = {0.1, -0.2, -2};
   ThreadPool pool(2);
-  RenderOptions options;
-  options.unclipped = true;
-  options.unshaded = 0;
   options.background = {0, 0, 0};
   options.precision = Precision::kF32;
   const Frame frame = render(radiance, camera, pose, options, pool);
@@ -153,6 +150,20 @@ TEST(ColourPerRay, PicturesAreThoseOfTheSums) {
   // Rays that let nearly everything through need no colour.
   options.unshaded = 0.9_r;
   EXPECT_LT(render(radiance, camera, pose, options, pool).statistics.colour_evaluations, rays);
+}
+
+TEST(ColourPerRay, PicturesAreThoseOfTheSums) {
+  RenderOptions options;
+  options.skip_nothing();
+  expect_one_colour_a_ray(random_field(), options);
+}
+
+// So are those of a field with a colour for each sample where samples may share one.
+TEST(ColourPerRay, SharedColoursAreThoseOfTheMeans) {
+  RenderOptions options;
+  options.skip_nothing();
+  options.shared_colour = 1;
+  expect_one_colour_a_ray(random_field(/*per_ray=*/false), options);
 }
 
 }  // namespace

@@ -39,9 +39,10 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
   Pose pose;
   pose.translation = {0.1, -0.2, -3};
   ThreadPool pool(2);
-  RenderOptions whole, part;
-  whole.background = part.background = {0, 0, 0};
+  RenderOptions whole;
+  whole.background = {0, 0, 0};
   whole.unshaded = 0;
+  RenderOptions part = whole;
   part.unshaded = 0.125_r;
   const Frame a = render(field, camera, pose, whole, pool);
   const Frame b = render(field, camera, pose, part, pool);
@@ -56,6 +57,31 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
     most = std::max(most, missing);
   }
   EXPECT_GT(most, 0.02_r);  // something was left out
+}
+
+// Light goes on until less than the option says is left, and no farther than without it.
+TEST(Render, TheStopLeavesNoMoreLightThanItSays) {
+  const RadianceField field = homogeneous_field(Similarity());
+  const Camera camera = test::pinhole(40, 40, 30);
+  Pose pose;
+  pose.translation = {0.1, -0.2, -3};
+  ThreadPool pool(2);
+  RenderOptions whole;
+  whole.skip_nothing();
+  RenderOptions part = whole;
+  part.stop_transmittance = 0.25_r;
+  const Frame a = render(field, camera, pose, whole, pool);
+  const Frame b = render(field, camera, pose, part, pool);
+  EXPECT_EQ(a.depth_z, b.depth_z);  // where half of the light is stopped
+  int stopped = 0;
+  for (size_t i = 0; i < a.alpha.size(); ++i) {
+    EXPECT_LE(b.alpha[i], a.alpha[i]);
+    EXPECT_GE(b.alpha[i], std::min(a.alpha[i], 1 - part.stop_transmittance));
+    for (size_t k = 0; k < 3; ++k)  // a half, over the white behind it
+      EXPECT_NEAR(b.rgb[3 * i + k], 1 - 0.5_r * b.alpha[i], 1e-6_r);
+    stopped += b.alpha[i] < a.alpha[i];
+  }
+  EXPECT_GT(stopped, 100);
 }
 
 // Each switch saves work of the kind that it is for, and the counts do not depend on threads.
@@ -77,8 +103,7 @@ TEST(Render, CountsTheWorkThatEachSwitchSaves) {
     return a;
   };
   RenderOptions off;
-  off.unclipped = true;
-  off.unshaded = 0;
+  off.skip_nothing();
   const RenderStatistics all = work(off);
   EXPECT_EQ(all.density_evaluations, 4 * all.segments);
   EXPECT_EQ(all.colour_evaluations, all.density_evaluations);
@@ -88,9 +113,21 @@ TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   EXPECT_EQ(work(unshaded).density_evaluations, all.density_evaluations);
   EXPECT_LT(work(unshaded).colour_evaluations, all.colour_evaluations);
 
+  RenderOptions shared = off;
+  shared.shared_colour = 0.125_r;
+  EXPECT_EQ(work(shared).density_evaluations, all.density_evaluations);
+  EXPECT_LT(work(shared).colour_evaluations, all.colour_evaluations / 2);
+
+  RenderOptions opaque = off;
+  opaque.stop_transmittance = 0.5_r;
+  EXPECT_EQ(work(opaque).segments, all.segments);
+  const int64_t to_half = work(opaque).density_evaluations;
+  EXPECT_LT(to_half, all.density_evaluations);
+  opaque.stop_transmittance = 0.25_r;
+  EXPECT_GT(work(opaque).density_evaluations, to_half);
+
   RenderOptions cache = off;
   cache.unclipped = false;
-  cache.min_transmittance = 0;
   const RenderStatistics cached = work(cache);
   EXPECT_EQ(cached.segments, all.segments);
   EXPECT_LT(cached.density_evaluations, all.density_evaluations);

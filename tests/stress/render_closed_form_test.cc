@@ -80,10 +80,9 @@ void compare(const std::string& name, bool unbounded, int cascades, double densi
                                               .level = 3});
   const double sigma = std::exp(static_cast<double>(static_cast<Real>(std::log(density))));
   RenderOptions options;
+  options.skip_nothing();
   options.unclipped = unclipped;
-  options.unshaded = 0;
   options.precision = Precision::kF32;  // whose roundings the tolerances are
-  options.min_transmittance = 0;
   options.background = {0.1_r, 0.9_r, 0.3_r};
   for (const Shot& shot : kShots) {
     const Camera camera = pinhole(24, shot.focal);

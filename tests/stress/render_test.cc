@@ -125,7 +125,9 @@ TEST(StressRender, OptionsAtTheirLimits) {
   for (Real stop : {0.0_r, 1e-45_r, 1e-30_r, 0.5_r, 1.0_r})
     picture(with(&RenderOptions::min_transmittance, stop));
   for (Real left : {0.0_r, 1e-45_r, 0.5_r, 1.0_r, 1e30_r})
-    picture(with(&RenderOptions::unshaded, left));
+    for (const auto option : {&RenderOptions::unshaded, &RenderOptions::shared_colour,
+                              &RenderOptions::stop_transmittance})
+      picture(with(option, left));
 
   // A box without end in some or all directions cuts nothing off; one without volume leaves
   // nothing, and neither does one elsewhere.

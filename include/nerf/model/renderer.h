@@ -26,13 +26,24 @@ struct RenderOptions {
                                     // without min_transmittance and sample_factor
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
   Real min_transmittance = 1e-6_r;  // a ray stops where the cached density lets less through
-  Real unshaded = 1.0_r / 1024;     // share of a pixel's light whose colour may be left out
+  // ... and the network is asked for nothing behind where its own densities let less through.
+  Real stop_transmittance = 1.0_r / 1024;
+  Real unshaded = 1.0_r / 1024;  // share of a pixel's light whose colour may be left out
+  // Share of a pixel's light that successive samples of its ray may have together to be given one
+  // colour, that of the mean of their features by weight; 0: every sample has its own.
+  Real shared_colour = 1.0_r / 8;
   Precision precision = Precision::kAuto;  // of the networks' products
   // Rays along a pixel's side, averaged; 0: with the grid method so many that none is wider than
   // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
   // methods.
   int supersample = 0;
   Real sample_factor = 1.25_r;  // network samples of a ray, against those of the last steps
+
+  // Turns off all of the above that leaves work out.
+  void skip_nothing() {
+    unclipped = true;
+    min_transmittance = stop_transmittance = unshaded = shared_colour = 0;
+  }
 };
 
 // The work of a picture, the same for any number of threads.
