@@ -31,6 +31,11 @@ class ErrorMap {
     return static_cast<Real>(chances_[static_cast<size_t>(tile)] + 1) * (1.0_r / 256);
   }
 
+  // Asks for the memory that chance() will read.
+  void prefetch(int32_t tile) const {
+    if (!keeps_all()) __builtin_prefetch(chances_.data() + tile);
+  }
+
   // Squared error of one drawn pixel, summed over channels.
   void observe(int32_t tile, Real squared_error);
   // Makes the chances follow what was observed.

@@ -165,13 +165,13 @@ StepReport GridTrainer::step() {
   check_loss(report.loss + squared_error);
   report.opacity /= static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
   report.psnr = -10 * std::log10(std::max(squared_error, 1e-10));
-  scatter(levels_on);
-  lap.into(profile.scatter);
   report.rays = batch.rays_considered;
   report.samples = batch.total_samples;
   report.rate = rate_at(done);
-  update(static_cast<Real>(report.rate));
+  update_networks(rate_at(done));
   lap.into(profile.update);
+  update_table(levels_on, rate_at(done));
+  lap.into(profile.scatter);
 
   const double seen = static_cast<double>(batch.total_samples) /
                       static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
@@ -284,25 +284,7 @@ void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
   }
 }
 
-void GridTrainer::scatter(int64_t levels_on) {
-  const int64_t ld = kChunkSamples;
-  const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
-  // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
-  // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
-  pool.parallel_for(levels_on + 2, [&](int64_t i) {
-    if (i == levels_on) return observe_samples();
-    if (i > levels_on) return observe_errors();
-    const int64_t l = levels_on - 1 - i;
-    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
-    for (int64_t c = 0; c < batch.chunks; ++c)
-      encode_level_backward(
-          field, static_cast<size_t>(l), points_of(c), batch.samples[static_cast<size_t>(c)],
-          d_features.data() + (c * levels + l) * level.features * ld, ld,
-          optimiser.table_gradient.data() + level.begin(), optimiser.touched.data() + level.offset);
-  });
-}
-
-void GridTrainer::update(Real rate) {
+void GridTrainer::update_networks(Real rate) {
   const size_t n = field.weights.size();
   Real* gradient = optimiser.network_gradient.data();
   std::fill_n(gradient, n, 0.0_r);
@@ -316,17 +298,43 @@ void GridTrainer::update(Real rate) {
   adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
              optimiser.network_v.data(), field.weights.data());
   pack();
-  adam.rate = rate;
-  adam.l2 = 0;
-  constexpr int64_t kRows = 8192;
-  const int64_t rows = static_cast<int64_t>(field.shape.rows);
-  const int features_per_entry = field.shape.features_per_entry();
-  pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
-    const int64_t row = i * kRows, at = row * features_per_entry;
-    adam_rows(adam, features_per_entry, std::min(kRows, rows - row), optimiser.touched.data() + row,
+}
+
+void GridTrainer::update_table(int64_t levels_on, Real rate) {
+  const int64_t ld = kChunkSamples;
+  const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
+  const auto adam = [&](uint64_t row, uint64_t rows) {
+    AdamStep step;
+    step.rate = rate;
+    const int features = field.shape.features_per_entry();
+    const uint64_t at = row * static_cast<uint64_t>(features);
+    adam_rows(step, features, static_cast<int64_t>(rows), optimiser.touched.data() + row,
               optimiser.table_gradient.data() + at, optimiser.table_m.data() + at,
               optimiser.table_v.data() + at, optimiser.row_steps.data() + row,
               field.table.data() + at, corrections.data());
+  };
+  // A level's gradient is still in a cache right after it was summed; with many threads the levels
+  // are too few to share the optimiser's work.
+  const bool at_once = 2 * pool.size() <= levels_on;
+  // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
+  // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
+  pool.parallel_for(levels_on + 2, [&](int64_t i) {
+    if (i == levels_on) return observe_samples();
+    if (i > levels_on) return observe_errors();
+    const int64_t l = levels_on - 1 - i;
+    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    for (int64_t c = 0; c < batch.chunks; ++c)
+      encode_level_backward(
+          field, static_cast<size_t>(l), points_of(c), batch.samples[static_cast<size_t>(c)],
+          d_features.data() + (c * levels + l) * level.features * ld, ld,
+          optimiser.table_gradient.data() + level.begin(), optimiser.touched.data() + level.offset);
+    if (at_once) adam(level.offset, level.entries);
+  });
+  if (at_once) return;
+  constexpr uint64_t kRows = 8192;
+  pool.parallel_for(static_cast<int64_t>((field.shape.rows + kRows - 1) / kRows), [&](int64_t i) {
+    const uint64_t row = static_cast<uint64_t>(i) * kRows;
+    adam(row, std::min(kRows, field.shape.rows - row));
   });
 }
 

@@ -52,13 +52,14 @@ struct GridTrainer final : TrainerImpl {
   void pack();  // after every change of the networks' weights
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
-  void scatter(int64_t levels_on);
   void observe_samples();
   void observe_errors();
   // Mean squared error over the photos' pixels, from the step's rays.
   double mean_squared_error() const;
-  void update(Real rate);
+  void update_networks(Real rate);
   void check_gradient() const;  // of the networks, reduced
+  // The table's gradient and its optimiser; what the step has seen of occupancy and errors besides.
+  void update_table(int64_t levels_on, Real rate);
   void refresh_occupancy();
   void initialise();
 

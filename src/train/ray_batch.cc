@@ -6,7 +6,7 @@
 #include <map>
 #include <numbers>
 #include <numeric>
-#include <optional>
+#include <span>
 
 #include "nerf/base/error.h"
 
@@ -46,39 +46,65 @@ bool PixelSource::draw(Random& random, Pixel& out) const {
   return locate(random, nullptr, out) && read(out);
 }
 
-// A place in one of the photos; returns which of them.
-size_t PixelSource::choose(Random& random, Pixel& out) const {
+// A place in one of the photos.
+void PixelSource::choose(Random& random, Pixel& out) const {
   const uint64_t at = random.below(pixels_before_.back());
-  const size_t i =
+  out.source =
       static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
                           pixels_before_.begin() - 1);
-  out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
-  const uint64_t pixel = at - pixels_before_[i], width = static_cast<uint64_t>(out.photo->width);
+  out.photo = &photos_.photos[static_cast<size_t>(views_[out.source])];
+  const uint64_t pixel = at - pixels_before_[out.source];
+  const uint64_t width = static_cast<uint64_t>(out.photo->width);
   out.x = static_cast<int>(pixel % width);
   out.y = static_cast<int>(pixel / width);
-  return i;
 }
 
 bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out, int block) const {
+  bool found = false;
+  locate(std::span(&random, 1), errors, std::span(&out, 1), std::span(&found, 1), block);
+  return found;
+}
+
+void PixelSource::locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
+                         std::span<bool> found, int block) const {
   constexpr int kMostTries = 16;  // bounds the time where nearly everything is learnt
-  size_t i = choose(random, out);
-  if (errors && !errors->keeps_all()) {
-    for (int tries = 1;; ++tries) {
-      out.tile = errors->tile_of(i, out.x, out.y);
-      if (tries == kMostTries || random.uniform() < errors->chance(out.tile)) break;
-      i = choose(random, out);
+  const bool guided = errors && !errors->keeps_all();
+  const auto propose = [&](size_t i) {
+    choose(randoms[i], out[i]);
+    if (!guided) return;
+    out[i].tile = errors->tile_of(out[i].source, out[i].x, out[i].y);
+    errors->prefetch(out[i].tile);
+  };
+  for (size_t i = 0; i < out.size(); ++i) {
+    found[i] = !guided;
+    propose(i);
+  }
+  // All pixels once, then those again that were not kept: their chances are on their way meanwhile.
+  bool any = guided;
+  for (int tries = 1; any; ++tries) {
+    any = false;
+    for (size_t i = 0; i < out.size(); ++i) {
+      if (found[i]) continue;
+      found[i] = tries == kMostTries || randoms[i].uniform() < errors->chance(out[i].tile);
+      if (found[i]) continue;
+      propose(i);
+      any = true;
     }
   }
-  if (block > 1) {
-    out.x -= out.x % block;
-    out.y -= out.y % block;
-    out.width = std::min(block, out.photo->width - out.x);
-    out.height = std::min(block, out.photo->height - out.y);
+  for (size_t i = 0; i < out.size(); ++i) {
+    Pixel& pixel = out[i];
+    if (block > 1) {
+      pixel.x -= pixel.x % block;
+      pixel.y -= pixel.y % block;
+      pixel.width = std::min(block, pixel.photo->width - pixel.x);
+      pixel.height = std::min(block, pixel.photo->height - pixel.y);
+    }
+    found[i] = cast(pixel);
   }
-  return cast(i, out);
 }
 
 bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {
+  out.source = i;
   out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
   const auto within = [&](int size) {
     const int middle = std::max(1, static_cast<int>(share * size));
@@ -86,18 +112,17 @@ bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) 
   };
   out.x = within(out.photo->width);
   out.y = within(out.photo->height);
-  return cast(i, out) && read(out);
+  return cast(out) && read(out);
 }
 
 // The ray of a pixel whose photo and place are known.
-bool PixelSource::cast(size_t i, Pixel& out) const {
-  const size_t view = static_cast<size_t>(views_[i]);
+bool PixelSource::cast(Pixel& out) const {
+  const size_t i = out.source, view = static_cast<size_t>(views_[i]);
   const Photo& photo = *out.photo;
   photo.prefetch(out.x, out.y);
   out.camera = &photos_.cameras[view];
   out.pose = &poses_[i];
   out.weight = weights_[i];
-  out.source = i;
   const auto direction = unproject(*out.camera, out.centre());
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
@@ -160,6 +185,7 @@ RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
   for (int i = 0; i < pool.size(); ++i)
     samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
   scratch_.resize(static_cast<size_t>(pool.size()));
+  randoms_.resize(scratch_.size());
 }
 
 void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays,
@@ -173,17 +199,20 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   RaySampler& sampler = samplers_[static_cast<size_t>(thread)];
   RaySamples& samples = scratch_[static_cast<size_t>(thread)];
   const int drawn = static_cast<int>(std::min<int64_t>(kBlock, rays - index * kBlock));
-  std::optional<Random> randoms[kBlock];  // none where there is no ray
+  std::vector<Random>& randoms = randoms_[static_cast<size_t>(thread)];
+  randoms.clear();
+  for (int i = 0; i < drawn; ++i)
+    randoms.emplace_back(seed, static_cast<uint64_t>(step),
+                         static_cast<uint64_t>(index * kBlock + i));
   PixelSource::Pixel pixels[kBlock];
-  for (int i = 0; i < drawn; ++i) {
-    Random random(seed, static_cast<uint64_t>(step), static_cast<uint64_t>(index * kBlock + i));
-    if (source_.locate(random, &errors_, pixels[i], pixel_block)) randoms[i] = random;
-  }
+  bool found[kBlock] = {};
+  const size_t n = static_cast<size_t>(drawn);
+  source_.locate(randoms, &errors_, std::span(pixels, n), std::span(found, n), pixel_block);
   for (int i = 0; i < kBlock; ++i) {
     RayRecord& record = block.rays[i];
     record = RayRecord();
-    if (!randoms[i] || !source_.read(pixels[i])) continue;
-    Random& random = *randoms[i];
+    if (!found[i] || !source_.read(pixels[i])) continue;
+    Random& random = randoms[static_cast<size_t>(i)];
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
     record.tile = pixel.tile;

@@ -52,11 +52,14 @@ class PixelSource {
   // With `block` above 1 the pixel is the block of so many pixels across that it lies in: the ray
   // goes through the block's middle and carries its mean.
   bool locate(Random& random, const ErrorMap* errors, Pixel& out, int block = 1) const;
+  // Of as many pixels, each with its own random numbers; found[i] says whether there is a ray.
+  void locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
+              std::span<bool> found, int block) const;
   bool read(Pixel& out) const;
 
  private:
-  size_t choose(Random& random, Pixel& out) const;
-  bool cast(size_t i, Pixel& out) const;
+  void choose(Random& random, Pixel& out) const;
+  bool cast(Pixel& out) const;
   bool read_block(Pixel& out) const;
 
   const PhotoSet& photos_;
@@ -144,6 +147,7 @@ class RayBatchMaker {
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread
   std::vector<RaySamples> scratch_;
+  std::vector<std::vector<Random>> randoms_;  // of a block's rays
   std::vector<Block> blocks_;
 };
 

@@ -51,6 +51,7 @@ TEST(Checkpoint, ThreadsChangeNothing) {
   const auto one = bits_after(c, 1, kHalf);
   EXPECT_EQ(one, bits_after(c, 2, kHalf));
   EXPECT_EQ(one, bits_after(c, 3, kHalf));
+  EXPECT_EQ(one, bits_after(c, 8, kHalf));  // more threads than levels to share
 }
 
 TEST(Checkpoint, SeedAndSaltChangeTheBits) {

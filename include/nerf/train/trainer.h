@@ -148,7 +148,8 @@ class NonFiniteError : public Error {
   using Error::Error;
 };
 
-// Where the time of the steps so far went, seconds of wall clock.
+// Where the time of the steps so far went, seconds of wall clock; of the grid method `scatter` sums
+// the table's gradient and updates its rows, `update` updates the networks.
 struct TrainProfile {
   double rays = 0, encode = 0, network = 0, scatter = 0, update = 0, occupancy = 0;
 };
