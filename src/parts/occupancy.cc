@@ -52,7 +52,7 @@ OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side
   levels_ = AlignedArray<uint8_t>(cells_in_all);
   masks_.resize(cells_in_all / 64);
   solid_.resize(masks_.size());
-  occupied_bricks_.resize(masks_.size() / 64);
+  clearance_.resize(masks_.size());
   for (int i = 0; i < 256; ++i) {
     const Real root = static_cast<Real>(i) / 255.0_r;
     thickness_of_level_[static_cast<size_t>(i)] = -std::log1p(-std::min(root * root, kMostOpaque));
@@ -209,10 +209,8 @@ void OccupancyGrid::forget_training() {
 void OccupancyGrid::measure_occupied() {
   int64_t occupied = 0;
   occupied_box_ = Box3();
-  std::fill(occupied_bricks_.begin(), occupied_bricks_.end(), uint64_t{0});
   for (size_t b = 0; b < masks_.size(); ++b) {
     if (masks_[b] == 0) continue;
-    occupied_bricks_[b / 64] |= uint64_t{1} << (b % 64);
     occupied += __builtin_popcountll(masks_[b]);
     const int c = static_cast<int>(b / bricks_of_cascade());
     const Vec3 corner = cell_corner(static_cast<int64_t>(b % bricks_of_cascade()) * 64, c);
@@ -221,6 +219,38 @@ void OccupancyGrid::measure_occupied() {
     occupied_box_.extend((corner + Vec3{w, w, w}).cast<double>());
   }
   occupied_fraction_ = static_cast<double>(occupied) / static_cast<double>(levels_.size());
+  for (int c = 0; c < cascades_; ++c) measure_clearance(c);
+}
+
+// kMostClearance less the distance spreads from the bricks to keep clear of, one brick further each
+// time, along one axis after the other.
+void OccupancyGrid::measure_clearance(int cascade) {
+  const size_t n = static_cast<size_t>(bricks()), plane = n * n, all = plane * n;
+  const uint64_t* masks = masks_.data() + static_cast<size_t>(cascade) * all;
+  const auto inner = [&](size_t i) { return i >= n / 4 && i < n - n / 4; };
+  std::vector<uint8_t> near(all), spread(all), before(all);
+  for (size_t b = 0; b < all; ++b) {
+    const bool finer = cascade > 0 && inner(b % n) && inner(b / n % n) && inner(b / plane);
+    near[b] = masks[b] != 0 || finer ? kMostClearance : 0;
+  }
+  for (int i = 1; i < kMostClearance; ++i) {
+    spread = near;
+    for (const size_t stride : {size_t{1}, n, plane}) {
+      before = spread;
+      const size_t line = stride * n;  // what lies along the axis
+      for (size_t first = 0; first < all; first += line) {
+        uint8_t* to = spread.data() + first;
+        const uint8_t* from = before.data() + first;
+        for (size_t j = stride; j < line; ++j) to[j] = std::max(to[j], from[j - stride]);
+        for (size_t j = 0; j + stride < line; ++j) to[j] = std::max(to[j], from[j + stride]);
+      }
+    }
+    for (size_t b = 0; b < all; ++b)
+      near[b] = std::max(near[b], static_cast<uint8_t>(spread[b] - (spread[b] > 0)));
+  }
+  for (size_t b = 0; b < all; ++b)
+    clearance_[static_cast<size_t>(cascade) * all + b] =
+        static_cast<uint8_t>(kMostClearance - near[b]);
 }
 
 }  // namespace nerf

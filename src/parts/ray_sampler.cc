@@ -51,6 +51,23 @@ struct RaySampler::Traversal {
     return (static_cast<Real>(at + positive[axis] - half) * w - origin[axis]) * inverse[axis];
   }
   static constexpr Real kNever = 1e30_r;
+
+  // Along the axes other than `axis`: the slots, from `at` to at most `last`, in which the ray is
+  // at t, and where it leaves them. Found from the borders, so that no rounding tells a jump from
+  // its steps.
+  void follow(int axis, Real t, int half, Real w, int at[3], const int last[3],
+              Real next[3]) const {
+    for (int i = 0; i < 3; ++i) {
+      if (i == axis || step[i] == 0) continue;
+      const Real p = origin[i] + direction[i] * t;
+      int slot = std::clamp(static_cast<int>(std::floor(p / w)) + half, std::min(at[i], last[i]),
+                            std::max(at[i], last[i]));
+      while (slot != at[i] && border(i, slot - step[i], half, w) > t) slot -= step[i];
+      while (slot != last[i] && border(i, slot, half, w) <= t) slot += step[i];
+      at[i] = slot;
+      next[i] = border(i, slot, half, w);
+    }
+  }
 };
 
 namespace {
@@ -126,17 +143,34 @@ Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
     for (int i = 0; i < waiting && v.depth < v.stop; ++i) march_brick(v, c, ahead[i]);
     waiting = 0;
   };
+  constexpr int kWorthAJump = 3;
   for (;;) {
-    const int axis = least(next);
-    const Real exit = std::min(std::max(next[axis], t), v.end);
     const int64_t brick = (int64_t{at[2]} * bricks + at[1]) * bricks + at[0];
-    if (grid_.brick_occupied(c, brick)) {
-      grid_.prefetch(c, brick);
-      ahead[waiting++] = {brick, {at[0], at[1], at[2]}, t, exit};
-      if (waiting == kAhead) pass();
+    const int clearance = grid_.clearance(c, brick);
+    int axis;
+    if (clearance >= kWorthAJump) {
+      // Out of the cube of clear bricks around this one.
+      int last[3];
+      for (int i = 0; i < 3; ++i) {
+        last[i] = std::clamp(at[i] + v.step[i] * (clearance - 1), 0, bricks - 1);
+        next[i] = v.border(i, last[i], half, width);
+      }
+      axis = least(next);
+      t = std::min(std::max(next[axis], t), v.end);
+      if (t >= v.end) break;
+      v.follow(axis, t, half, width, at, last, next);
+      at[axis] = last[axis];
+    } else {
+      axis = least(next);
+      const Real exit = std::min(std::max(next[axis], t), v.end);
+      if (clearance == 0) {
+        grid_.prefetch(c, brick);
+        ahead[waiting++] = {brick, {at[0], at[1], at[2]}, t, exit};
+        if (waiting == kAhead) pass();
+      }
+      t = exit;
+      if (t >= v.end || v.depth >= v.stop) break;
     }
-    t = exit;
-    if (t >= v.end || v.depth >= v.stop) break;
     at[axis] += v.step[axis];
     // By the bricks' places and not by the point's: rounding may keep a point this side of the
     // border.

@@ -230,6 +230,48 @@ TEST(Occupancy, RebuildAgainstBruteForce) {
   }
 }
 
+// The distance to the nearest brick with matter, or that a finer cascade answers for.
+TEST(Occupancy, ClearanceAgainstBruteForce) {
+  constexpr int kSide = 64, kCascades = 2;
+  OccupancyGrid grid(kCascades, kSide);
+  const int n = grid.bricks();
+  std::vector<uint8_t> levels(grid.levels().size(), 0);
+  const auto set = [&](int c, int x, int y, int z) {  // one cell of that brick
+    const int64_t brick = (int64_t{z} * n + y) * n + x;
+    levels[static_cast<size_t>(c * grid.cells() + brick * 64 + (x + y + z) % 64)] = 9;
+  };
+  set(0, 0, 0, 0);
+  set(0, 15, 3, 1);
+  set(0, 2, 9, 7);
+  set(1, 1, 14, 3);
+  grid.set_levels(levels);
+  int farthest = 0;
+  for (int c = 0; c < kCascades; ++c) {
+    const auto keep_clear_of = [&](int x, int y, int z) {
+      const auto inner = [&](int i) { return i >= n / 4 && i < n - n / 4; };
+      return grid.brick_mask(c, (int64_t{z} * n + y) * n + x) != 0 ||
+             (c > 0 && inner(x) && inner(y) && inner(z));
+    };
+    std::vector<std::array<int, 3>> places;
+    for (int z = 0; z < n; ++z)
+      for (int y = 0; y < n; ++y)
+        for (int x = 0; x < n; ++x)
+          if (keep_clear_of(x, y, z)) places.push_back({x, y, z});
+    for (int z = 0; z < n; ++z)
+      for (int y = 0; y < n; ++y)
+        for (int x = 0; x < n; ++x) {
+          int nearest = OccupancyGrid::kMostClearance;
+          for (const auto& p : places)
+            nearest = std::min(
+                nearest, std::max({std::abs(p[0] - x), std::abs(p[1] - y), std::abs(p[2] - z)}));
+          EXPECT_EQ(grid.clearance(c, (int64_t{z} * n + y) * n + x), nearest)
+              << c << ": " << x << ' ' << y << ' ' << z;
+          farthest = std::max(farthest, nearest);
+        }
+  }
+  EXPECT_EQ(farthest, OccupancyGrid::kMostClearance);
+}
+
 TEST(Occupancy, AllOffIsAllEmpty) {
   OccupancyGrid grid;
   for (int64_t i = 0; i < kCells; ++i) grid.switch_off(0, i);

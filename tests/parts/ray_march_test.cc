@@ -79,6 +79,37 @@ TEST(RayMarch, RandomRays) {
   }
 }
 
+// A few bricks in wide empty space, which is crossed in jumps.
+TEST(RayMarch, AcrossEmptySpace) {
+  const auto lonely = [](const CellPlace& p) {
+    return hash_of({p.cascade, p.x / 4, p.y / 4, p.z / 4}) % 1500 == 0;
+  };
+  const Scene scene("lonely", 3, [&](const CellPlace& p) -> uint8_t {
+    return lonely(p) && hash_of(p) % 3 ? 200 : 0;
+  });
+  RaySampler sampler(scene.grid, endless(), kEverywhere);
+  int hits = 0;
+  uint64_t rays = 0;
+  for (int c = 0; c < 3; ++c)
+    for (int64_t brick = 0; brick < scene.grid.cells() / 64; ++brick) {
+      if (scene.grid.brick_mask(c, brick) == 0) continue;
+      const Vec3d corner = scene.grid.cell_corner(brick * 64, c).cast<double>();
+      const double width = 4 * static_cast<double>(scene.grid.cell_width(c));
+      for (int i = 0; i < 40; ++i, ++rays) {
+        Random random(53, 0, rays);
+        const Vec3d aim =
+            corner + random_point(random, width / 2) + Vec3d{width / 2, width / 2, width / 2};
+        Ray ray;
+        ray.origin = random_point(random, i % 2 ? 4 : 12);
+        ray.direction = normalized(aim - ray.origin);
+        march_and_compare(scene, sampler, ray, "lonely ray " + std::to_string(rays));
+        hits += !sampler.segments().empty();
+      }
+    }
+  EXPECT_GT(rays, 1000u);
+  EXPECT_GT(hits, static_cast<int>(rays / 2));
+}
+
 TEST(RayMarch, FromFarAway) {
   for (const Scene& scene : scenes()) {
     RaySampler sampler(scene.grid, endless(), kEverywhere);

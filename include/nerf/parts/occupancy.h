@@ -61,11 +61,13 @@ class OccupancyGrid {
   uint64_t brick_mask(int cascade, int64_t brick) const {
     return masks_[static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick)];
   }
-  // Whether the brick's mask holds anything: a bit, so that those of a cascade stay in a cache.
-  bool brick_occupied(int cascade, int64_t brick) const {
-    const size_t b =
-        static_cast<size_t>(cascade) * bricks_of_cascade() + static_cast<size_t>(brick);
-    return occupied_bricks_[b / 64] >> (b % 64) & 1;
+  // How many bricks away, along the axis where it is farthest, the nearest brick is that holds
+  // matter or that a finer cascade answers for: 0 is such a one itself, kMostClearance means at
+  // least so many.
+  static constexpr int kMostClearance = 8;
+  int clearance(int cascade, int64_t brick) const {
+    return clearance_[static_cast<size_t>(cascade) * bricks_of_cascade() +
+                      static_cast<size_t>(brick)];
   }
   // Asks for the memory that brick_mask() and thickness() of a brick will read.
   void prefetch(int cascade, int64_t brick) const {
@@ -101,12 +103,13 @@ class OccupancyGrid {
   bool brick_is_off(size_t brick) const;
   void keep_neighbours_of_solid(size_t brick);
   void measure_occupied();
+  void measure_clearance(int cascade);
 
   int cascades_, side_;
   AlignedArray<Real> opacity_;
   AlignedArray<uint8_t> levels_;  // 0 = empty; else opacity = (level / 255)^2
   std::vector<uint64_t> masks_, solid_;
-  std::vector<uint64_t> occupied_bricks_;  // a bit each
+  std::vector<uint8_t> clearance_;  // of each brick
   std::array<Real, 256> thickness_of_level_;
   double occupied_fraction_ = 1;
   Box3 occupied_box_;
