@@ -43,25 +43,26 @@ RenderOptions every_skip_off() {
   return o;
 }
 
-// Each switch alone, and all together. The stop and the number of samples exist only where samples
-// follow the cache, so they are compared with that alone.
+// Each switch alone, and all together. The cache's stop and the number of samples exist only where
+// samples follow the cache, so they are compared with that alone.
 std::vector<Setting> settings(bool grid) {
   const RenderOptions off = every_skip_off(), usual;
   std::vector<Setting> all = {{"every skip off", "every skip off", "", off}};
   if (grid) all.push_back({"empty cells too", "every skip off, empty cells too", "", off, true});
-  for (const int share : {1024, 256, 64}) {
+  const auto of_grid = [&](std::vector<int> values) { return grid ? values : std::vector<int>(); };
+  for (const int share : of_grid({1024, 256, 64})) {
     RenderOptions o = off;
     o.unshaded = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("unshaded 1/{}", share);
     all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
   }
-  for (const int share : {32, 16, 8, 4}) {
+  for (const int share : of_grid({32, 16, 8, 4})) {
     RenderOptions o = off;
     o.shared_colour = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("shared colour 1/{}", share);
     all.push_back({"shared colour", text, fmt::format("1/{}", share), o});
   }
-  for (const int power : {6, 4, 3, 2}) {
+  for (const int power : of_grid({6, 4, 3, 2})) {
     RenderOptions o = off;
     o.stop_transmittance = static_cast<Real>(std::pow(10, -power));
     const std::string text = fmt::format("network's stop 1e-{}", power);
@@ -192,7 +193,8 @@ class Skips {
         "{} held-out views of {}, {}x{}, against the picture with every skip off (every occupied "
         "cell sampled four times, no stop, every sample's colour computed, f32: {:.2f} s, {:.2f} "
         "dB). "
-        "The stop and the number of samples exist only where samples follow the cached densities: "
+        "The cache's stop and the number of samples exist only where samples follow the cached "
+        "densities: "
         "those points are with the default factor of samples, no stop and full shading but for "
         "what their label says. Empty cells were never trained where no photo shows matter: what "
         "they "
@@ -236,8 +238,8 @@ class Skips {
            command(s)});
       if (i == 0) continue;
       if (s.empty_cells) {  // would leave the others a corner of the charts
-        curve.text +=
-            fmt::format(" With them a picture takes {:.0f} s and loses {:.1f} dB.", seconds, lost);
+        curve.text += fmt::format(" With empty cells a picture takes {:.0f} s and loses {:.1f} dB.",
+                                  seconds, lost);
         continue;
       }
       if (difference.series.empty() || difference.series.back().name != s.series)

@@ -122,8 +122,9 @@ class TileRenderer {
     rays_.push_back(ray);
   }
 
-  // Asks the network a stretch of every ray after the other, from the camera on: what lies behind
-  // opaque matter is not asked for, and chunks are full nevertheless.
+  // Asks the network a stretch of every ray after the other, from the camera on: of what lies
+  // behind opaque matter at most the rest of a stretch is asked for, and chunks are full
+  // nevertheless.
   void ask() {
     constexpr size_t kStretch = 6;  // samples
     geometry_sums_.assign(rays_.size() * geometry_features(), 0.0);
@@ -159,8 +160,8 @@ class TileRenderer {
       sample.t = t_[ray.next];
       sample.delta = delta_[ray.next];
       sample.distance = static_cast<Real>(ray.start) + sample.t;
-      if ((ray.next - ray.begin) % 2 ==
-          1) {  // neighbours wind against each other, half a step apart
+      // Neighbours wind against each other, half a step apart.
+      if ((ray.next - ray.begin) % 2 == 1) {
         sample.reversed = true;
         sample.cosine = std::sqrt(3.0_r) / 2;
         sample.sine = 0.5_r;
@@ -225,6 +226,8 @@ class TileRenderer {
         ray.transmittance *= 1 - alpha;
         if (ray.median < 0 && ray.transmittance <= 0.5)
           ray.median = t_[part_first_[part] + static_cast<size_t>(i - begin)];
+        // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
+        if (ray.transmittance < options_.stop_transmittance) break;
       }
       if (ray.next < ray.end && !(ray.transmittance < options_.stop_transmittance)) continue;
       if (!per_ray || 1 - ray.transmittance > options_.unshaded) add_shaded(r);
@@ -315,6 +318,8 @@ class TileRenderer {
   int shaded_pixel_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];
   int shaded_ = 0, shaded_rays_ = 0;
+  // Rays take turns, so that each colour may need a direction of its own.
+  static_assert(kChunkRays >= kChunkSamples);
   Frame* frame_ = nullptr;
   double unit_ = 1;
   RenderStatistics statistics_;

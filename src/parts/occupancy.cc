@@ -246,7 +246,9 @@ void OccupancyGrid::measure_clearance(int cascade) {
       }
     }
     for (size_t b = 0; b < all; ++b)
-      near[b] = std::max(near[b], static_cast<uint8_t>(spread[b] - (spread[b] > 0)));
+      spread[b] = std::max(near[b], static_cast<uint8_t>(spread[b] - (spread[b] > 0)));
+    if (spread == near) break;  // nothing is farther from matter than this
+    near.swap(spread);
   }
   for (size_t b = 0; b < all; ++b)
     clearance_[static_cast<size_t>(cascade) * all + b] =

@@ -20,11 +20,9 @@ namespace {
 // off by a quarter of what an 8-bit picture can show.
 constexpr double kMost = 0.25 / 255;
 
-void expect_same_pictures(const RadianceField& field) {
+void expect_same_pictures(const RadianceField& field, const RenderOptions& options, double most) {
   Pose pose;
   pose.translation = {0.1, -0.2, -2.5};
-  RenderOptions options;
-  options.precision = Precision::kF32;
   ThreadPool pool(2);
   const Camera camera = test::pinhole(24, 20, 18);
   const Frame usual = render(field, camera, pose, options, pool);
@@ -37,10 +35,20 @@ void expect_same_pictures(const RadianceField& field) {
   for_each_target([&](const std::string&) {
     const Frame frame = render(field, camera, pose, options, pool);
     for (size_t i = 0; i < frame.rgb.size(); ++i)
-      ASSERT_NEAR(frame.rgb[i], usual.rgb[i], kMost) << "value " << i;
+      ASSERT_NEAR(frame.rgb[i], usual.rgb[i], most) << "value " << i;
     for (size_t i = 0; i < frame.alpha.size(); ++i)
-      ASSERT_NEAR(frame.alpha[i], usual.alpha[i], kMost) << "pixel " << i;
+      ASSERT_NEAR(frame.alpha[i], usual.alpha[i], most) << "pixel " << i;
   });
+}
+
+void expect_same_pictures(const RadianceField& field) {
+  RenderOptions usual;
+  usual.precision = Precision::kF32;
+  RenderOptions whole = usual;
+  whole.skip_nothing();
+  expect_same_pictures(field, whole, kMost);
+  // A last digit decides whether a ray ends a sample earlier.
+  expect_same_pictures(field, usual, kMost + static_cast<double>(usual.stop_transmittance));
 }
 
 ModelInfo some_info() {

@@ -46,7 +46,7 @@ const std::vector<Scene>& scenes() {
                      [](const CellPlace& p) -> uint8_t { return hash_of(p) & 1 ? 100 : 0; });
     out.emplace_back("checkerboard", 1,
                      [](const CellPlace& p) -> uint8_t { return (p.x + p.y + p.z) & 1 ? 9 : 0; });
-    // Few bricks hold matter: most of the way is made in strides.
+    // Few bricks hold matter, a sixteenth.
     out.emplace_back("sparse", 3, [](const CellPlace& p) -> uint8_t {
       const CellPlace brick{p.cascade, p.x / 4, p.y / 4, p.z / 4};
       return hash_of(brick) % 16 == 0 && hash_of(p) % 3 ? 200 : 0;
@@ -55,6 +55,11 @@ const std::vector<Scene>& scenes() {
         "coarse", 3, [](const CellPlace& p) -> uint8_t { return hash_of(p) & 1 ? 100 : 0; }, 16);
     out.emplace_back(
         "fine", 1, [](const CellPlace& p) -> uint8_t { return hash_of(p) % 3 ? 0 : 40; }, 256);
+    // Hardly any does: most of the way is made in jumps.
+    out.emplace_back("lonely", 3, [](const CellPlace& p) -> uint8_t {
+      return hash_of({p.cascade, p.x / 4, p.y / 4, p.z / 4}) % 1500 == 0 && hash_of(p) % 3 ? 200
+                                                                                           : 0;
+    });
     out.emplace_back("full_cascades", 3, [](const CellPlace&) -> uint8_t { return 5; });
     return out;
   }();
@@ -81,12 +86,7 @@ TEST(RayMarch, RandomRays) {
 
 // A few bricks in wide empty space, which is crossed in jumps.
 TEST(RayMarch, AcrossEmptySpace) {
-  const auto lonely = [](const CellPlace& p) {
-    return hash_of({p.cascade, p.x / 4, p.y / 4, p.z / 4}) % 1500 == 0;
-  };
-  const Scene scene("lonely", 3, [&](const CellPlace& p) -> uint8_t {
-    return lonely(p) && hash_of(p) % 3 ? 200 : 0;
-  });
+  const Scene& scene = *std::ranges::find(scenes(), "lonely", &Scene::name);
   RaySampler sampler(scene.grid, endless(), kEverywhere);
   int hits = 0;
   uint64_t rays = 0;
@@ -123,7 +123,9 @@ TEST(RayMarch, FromFarAway) {
       march_and_compare(scene, sampler, ray, "far ray " + std::to_string(i));
       hits += !sampler.segments().empty();
     }
-    EXPECT_GE(hits, 90) << scene.name;
+    if (scene.name != "lonely") {
+      EXPECT_GE(hits, 90) << scene.name;
+    }
   }
 }
 

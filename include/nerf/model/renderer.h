@@ -26,7 +26,8 @@ struct RenderOptions {
                                     // without min_transmittance and sample_factor
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
   Real min_transmittance = 1e-6_r;  // a ray stops where the cached density lets less through
-  // ... and the network is asked for nothing behind where its own densities let less through.
+  // These three of the grid method. A ray also ends where the network's own densities let less
+  // through; the samples behind add nothing.
   Real stop_transmittance = 1.0_r / 1024;
   Real unshaded = 1.0_r / 1024;  // share of a pixel's light whose colour may be left out
   // Share of a pixel's light that successive samples of its ray may have together to be given one
