@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "model/homogeneous_field.h"
@@ -16,6 +17,12 @@ namespace {
 
 using test::homogeneous_field;
 using test::tilted;
+
+std::pair<Camera, Pose> looking_at_the_medium() {
+  Pose pose;
+  pose.translation = {0.1, -0.2, -3};
+  return {test::pinhole(40, 40, 30), pose};
+}
 
 // Opacity 1 - exp(-density * length) of the part of each ray inside the box, whose axes are the
 // input's although the engine's are turned against them: nothing is drawn outside it.
@@ -35,9 +42,7 @@ TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
 // What is left without colour is missing from a pixel, never more of it than the option says.
 TEST(Render, LightLeftWithoutColourIsBounded) {
   const RadianceField field = homogeneous_field(Similarity());
-  const Camera camera = test::pinhole(40, 40, 30);
-  Pose pose;
-  pose.translation = {0.1, -0.2, -3};
+  const auto [camera, pose] = looking_at_the_medium();
   ThreadPool pool(2);
   RenderOptions whole;
   whole.background = {0, 0, 0};
@@ -62,9 +67,7 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
 // Light goes on until less than the option says is left, and no farther than without it.
 TEST(Render, TheStopLeavesNoMoreLightThanItSays) {
   const RadianceField field = homogeneous_field(Similarity());
-  const Camera camera = test::pinhole(40, 40, 30);
-  Pose pose;
-  pose.translation = {0.1, -0.2, -3};
+  const auto [camera, pose] = looking_at_the_medium();
   ThreadPool pool(2);
   RenderOptions whole;
   whole.skip_nothing();
@@ -92,11 +95,9 @@ TEST(Render, TheStopLeavesNoMoreLightThanItSays) {
 TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   // The cache says that a cell stops 0.6 of the light: the stop is reached within the box.
   const RadianceField field = homogeneous_field(Similarity(), /*half_empty=*/false, 200);
-  const Camera camera = test::pinhole(40, 40, 30);
-  Pose pose;
-  pose.translation = {0.1, -0.2, -3};
+  const auto [camera, pose] = looking_at_the_medium();
   ThreadPool one(1), two(2);
-  const auto work = [&](const RenderOptions& o) {
+  const auto work = [&, &camera = camera, &pose = pose](const RenderOptions& o) {
     const RenderStatistics a = render(field, camera, pose, o, one).statistics;
     const RenderStatistics b = render(field, camera, pose, o, two).statistics;
     EXPECT_EQ(a.rays, b.rays);
