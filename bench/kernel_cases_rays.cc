@@ -7,6 +7,7 @@
 #include "kernel_bench.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/kernels/encoding.h"
+#include "nerf/kernels/sample_groups.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/interval_sampler.h"
 
@@ -135,6 +136,40 @@ KernelRun harmonics_run(int threads) {
   return run;
 }
 
+// Means of sixteen rows over groups of four samples, forward and backward.
+KernelRun group_run(int threads) {
+  constexpr int kRows = 16, kPerGroup = 4;
+  constexpr size_t kSize = static_cast<size_t>(kChunkSamples);
+  struct Own {
+    std::vector<int32_t> of = std::vector<int32_t>(kSize);
+    AlignedArray<Real> share = noise(kSize, 1), per_light = noise(kSize, 2),
+                       x = noise(kRows * kSize, 3), dy = noise(kRows * kSize, 4);
+    AlignedArray<Real> y{kRows * kSize}, dx{kRows * kSize}, dw{kSize};
+  };
+  auto all = std::make_shared<std::vector<Own>>(static_cast<size_t>(threads));
+  for (Own& own : *all)
+    for (size_t i = 0; i < kSize; ++i) own.of[i] = static_cast<int32_t>(i) / kPerGroup;
+  KernelRun run;
+  run.work = static_cast<double>(kChunks * kChunkSamples);
+  // Rows are read twice and written once by samples, the same by groups.
+  run.ceiling = [](Ceilings& c) {
+    return c.cached() / static_cast<double>(3 * kRows * sizeof(Real)) * kPerGroup / (kPerGroup + 1);
+  };
+  run.run = [=](ThreadPool& pool) {
+    pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
+      Own& own = (*all)[static_cast<size_t>(thread)];
+      const SampleGroups groups{kChunkSamples, kChunkSamples / kPerGroup, own.of.data(),
+                                own.share.data(), own.per_light.data()};
+      mean_of_groups_forward(groups, kRows, own.x.data(), kChunkSamples, own.y.data(),
+                             kChunkSamples);
+      std::fill(own.dx.begin(), own.dx.end(), 0.0_r);
+      mean_of_groups_backward(groups, kRows, own.x.data(), kChunkSamples, own.y.data(),
+                              own.dy.data(), kChunkSamples, own.dw.data(), own.dx.data());
+    });
+  };
+  return run;
+}
+
 }  // namespace
 
 std::vector<KernelCase> ray_cases() {
@@ -155,6 +190,7 @@ std::vector<KernelCase> ray_cases() {
        light(Light::kComposite)},
       {"weights and accumulation forward+backward, 16 samples per ray", Unit::kSamples,
        kBoundCached, light(Light::kWeightsFirst)},
+      {"means of groups forward+backward, 4 samples each", Unit::kSamples, kBoundCached, group_run},
   };
 }
 

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <vector>
 
+#include "autodiff/ray_rows.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/elementwise.h"
@@ -107,6 +108,7 @@ class ViewCode : public Operation {
         std::fill(y + k * ls + c.rays, y + k * ls + round_up(c.rays, kLane), 0.0_r);
       return;
     }
+    const RayRanges columns = internal::rays_of(c, output());
     constexpr int kAtOnce = 64;
     alignas(64) Real code[kSphericalHarmonics * kAtOnce];
     for (int first = 0; first < c.rays; first += kAtOnce) {
@@ -114,8 +116,8 @@ class ViewCode : public Operation {
       spherical_harmonics(n, d + first, lr, code, kAtOnce);
       for (int k = 0; k < kSphericalHarmonics; ++k)
         for (int r = 0; r < n; ++r)
-          std::fill(y + k * ls + c.ray_begin[first + r], y + k * ls + c.ray_begin[first + r + 1],
-                    code[k * kAtOnce + r]);
+          std::fill(y + k * ls + columns.begin[first + r],
+                    y + k * ls + columns.begin[first + r + 1], code[k * kAtOnce + r]);
     }
   }
   void backward(Chunk&) const override {}  // directions are not trained

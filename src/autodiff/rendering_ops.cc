@@ -40,7 +40,7 @@ class Accumulate : public Operation {
   const char* name() const override { return "accumulate"; }
 
   void forward(Chunk& c) const override {
-    accumulate_forward(internal::rays_of(c), c.data(inputs()[0]),
+    accumulate_forward(internal::rays_of(c, inputs()[0]), c.data(inputs()[0]),
                        internal::data_rows(c, inputs()[1]), internal::data_rows(c, inputs()[2]),
                        {c.data(output()), c.stride(output())});
   }
@@ -50,11 +50,12 @@ class Accumulate : public Operation {
     Real* dw = c.tape->needs_gradient(inputs()[0]) ? c.gradient(inputs()[0]) : nullptr;
     ColourRows<Real> d_colour = {};
     if (c.tape->needs_gradient(inputs()[1])) d_colour = internal::gradient_rows(c, inputs()[1]);
-    if (dw && overwrites(0)) std::fill(dw, dw + round_up(c.samples, kLane), 0.0_r);
-    accumulate_backward(internal::rays_of(c), c.data(inputs()[0]),
+    if (dw && overwrites(0)) std::fill(dw, dw + round_up(c.count(inputs()[0]), kLane), 0.0_r);
+    accumulate_backward(internal::rays_of(c, inputs()[0]), c.data(inputs()[0]),
                         internal::data_rows(c, inputs()[1]), internal::data_rows(c, inputs()[2]),
                         {c.gradient(output()), c.stride(output())}, dw, d_colour);
-    for (int k = 0; k < 3 && d_colour.data; ++k) internal::clear_padding(c, d_colour.row(k));
+    for (int k = 0; k < 3 && d_colour.data; ++k)
+      internal::clear_padding(c, inputs()[1], d_colour.row(k));
   }
 };
 
@@ -166,6 +167,7 @@ Value accumulate(Tape& tape, Value weights, Value colour, Value background) {
   NERF_CHECK_EQ(tape.rows(weights), 1);
   NERF_CHECK_EQ(tape.rows(colour), 3);
   NERF_CHECK_EQ(tape.rows(background), 3);
+  NERF_CHECK(tape.domain(weights) == tape.domain(colour));
   NERF_CHECK(!tape.needs_gradient(background));  // not trained
   const Value from[] = {weights, colour};
   const Value pixel = tape.output(4, Domain::kRays, from);

@@ -55,7 +55,13 @@ class Arena {
 
 }  // namespace
 
-Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()) {}
+Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()) {
+  const size_t samples = static_cast<size_t>(t.capacity(Domain::kSamples));
+  groups.of.resize(samples);
+  groups.share.resize(samples);
+  groups.per_light.resize(samples);
+  groups.of_rays.resize(static_cast<size_t>(t.capacity(Domain::kRays)) + 1);
+}
 
 Real* Chunk::data(Value v) { return arena.data() + tape->values_[static_cast<size_t>(v)].data; }
 const Real* Chunk::data(Value v) const {
@@ -66,7 +72,17 @@ Real* Chunk::gradient(Value v) {
   return arena.data() + tape->values_[static_cast<size_t>(v)].grad;
 }
 int64_t Chunk::stride(Value v) const { return tape->capacity(tape->domain(v)); }
-int64_t Chunk::count(Value v) const { return tape->domain(v) == Domain::kSamples ? samples : rays; }
+int64_t Chunk::count(Value v) const {
+  switch (tape->domain(v)) {
+    case Domain::kSamples:
+      return samples;
+    case Domain::kRays:
+      return rays;
+    case Domain::kGroups:
+      return groups.count;
+  }
+  return 0;
+}
 
 // Rows an even number of cache lines apart would share a few of a cache's sets, where those of one
 // strip of samples drive each other out.

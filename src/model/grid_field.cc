@@ -138,15 +138,21 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
     return sigmoid(tape, mlp(tape, concat(tape, geometry_features, code), field.colour_layers));
   };
   const bool per_ray = training && field.options.colour_per_ray;
-  if (!per_ray) colour = colour_of(geometry, Domain::kSamples);
+  const bool grouped = training && !per_ray && losses.shared_colour > 0;
+  if (!per_ray && !grouped) colour = colour_of(geometry, Domain::kSamples);
   field_operations_ = tape.operations();
-  if (per_ray || (training && losses.on_weights))
+  if (per_ray || grouped || (training && losses.on_weights))
     image.weights = render_weights(tape, density, delta, /*opaque_end=*/false);
   if (per_ray) {
     const Value sums = sum_along_rays(tape, image.weights, geometry);
     const int features_of_ray = field.options.geometry_features;
-    const Value colours = colour_of(slice(tape, sums, 0, features_of_ray), Domain::kRays);
-    image.pixel = over(tape, colours, slice(tape, sums, features_of_ray, 1), background);
+    colour = colour_of(slice(tape, sums, 0, features_of_ray), Domain::kRays);
+    image.pixel = over(tape, colour, slice(tape, sums, features_of_ray, 1), background);
+  } else if (grouped) {
+    const Value light =
+        group_light(tape, image.weights, losses.shared_colour, losses.stop_transmittance);
+    colour = colour_of(mean_of_groups(tape, image.weights, geometry), Domain::kGroups);
+    image.pixel = accumulate(tape, light, colour, background);
   } else if (training && losses.on_weights) {
     image.pixel = accumulate(tape, image.weights, colour, background);
   } else {

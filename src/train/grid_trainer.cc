@@ -43,7 +43,8 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       field(o.grid, s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true,
-           {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0}),
+           {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0,
+            static_cast<Real>(o.shared_colour), static_cast<Real>(o.stop_transmittance)}),
       errors(p, s.train, static_cast<Real>(o.error_guidance)),
       maker(source, errors, field, distortion > 0, t),
       batch(std::max(1, o.batch_samples / kChunkSamples), o.grid.cone_points) {
@@ -54,6 +55,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
   for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
+  chunk_colours.resize(chunk_loss.size());
   ray_errors.resize(batch.tile.size());
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
@@ -160,6 +162,7 @@ StepReport GridTrainer::step() {
   for (int c = 0; c < batch.chunks; ++c) {
     report.loss += chunk_loss[static_cast<size_t>(c)];
     report.opacity += chunk_opacity[static_cast<size_t>(c)];
+    report.colours += chunk_colours[static_cast<size_t>(c)];
   }
   const double squared_error = mean_squared_error();
   check_loss(report.loss + squared_error);
@@ -251,6 +254,7 @@ void GridTrainer::run_chunks() {
       std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
       chunk_loss[i] = chunk.loss;
+      chunk_colours[i] = chunk.count(tape.colour);
       const int64_t lr = chunk.stride(tape.image.pixel);
       const Real* pixel = chunk.data(tape.image.pixel);
       const Real* target = chunk.data(tape.target);

@@ -77,7 +77,8 @@ struct GridTrainer final : TrainerImpl {
   AlignedArray<Real> features, d_features;  // [chunk][4 L][kChunkSamples]
   AlignedArray<Real> densities;             // [chunk][kChunkSamples]
   std::vector<AlignedArray<Real>> accumulators;
-  std::vector<Real> ray_errors;  // squared, summed over channels; [chunk][kChunkRays]
+  std::vector<int64_t> chunk_colours;  // evaluations of the colour network
+  std::vector<Real> ray_errors;        // squared, summed over channels; [chunk][kChunkRays]
   std::vector<double> chunk_loss, chunk_opacity;
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next

@@ -232,6 +232,59 @@ Columns<T> sum_along_rays(const Columns<T>& weights, const Columns<T>& x, const 
   return out;
 }
 
+// f(ray, weights of its samples, first sample and number of samples of a group) for each group.
+template <class T, class F>
+void each_group(const Columns<T>& weights, const Rays& rays, double most, double stop, const F& f) {
+  using reference::real_part;
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    std::vector<double> w;
+    for (int32_t s = rays[r]; s < rays[r + 1]; ++s)
+      w.push_back(real_part(weights[static_cast<size_t>(s)][0]));
+    size_t first = static_cast<size_t>(rays[r]);
+    for (const size_t count : reference::light_groups(w, most, stop)) {
+      f(r, first, count);
+      first += count;
+    }
+  }
+}
+
+template <class T>
+Columns<T> group_light(const Columns<T>& weights, const Rays& rays, double most, double stop) {
+  Columns<T> out;
+  each_group(weights, rays, most, stop, [&](size_t, size_t first, size_t count) {
+    T sum(0);
+    for (size_t s = first; s < first + count; ++s) sum += weights[s][0];
+    out.push_back({sum});
+  });
+  return out;
+}
+
+template <class T>
+Columns<T> mean_of_groups(const Columns<T>& weights, const Columns<T>& x, const Rays& rays,
+                          double most, double stop) {
+  std::vector<T> w;
+  for (const std::vector<T>& column : weights) w.push_back(column[0]);
+  Columns<T> out;
+  each_group(weights, rays, most, stop, [&](size_t, size_t first, size_t count) {
+    out.emplace_back();
+    for (size_t k = 0; k < x[first].size(); ++k) {
+      std::vector<T> row;
+      for (const std::vector<T>& column : x) row.push_back(column[k]);
+      out.back().push_back(reference::mean_by_light(w, row, first, count));
+    }
+  });
+  return out;
+}
+
+// How many groups each ray has, as offsets like those of `rays`.
+template <class T>
+Rays groups_of_rays(const Columns<T>& weights, const Rays& rays, double most, double stop) {
+  Rays out(rays.size(), 0);
+  each_group(weights, rays, most, stop, [&](size_t r, size_t, size_t) { ++out[r + 1]; });
+  for (size_t r = 0; r + 1 < out.size(); ++r) out[r + 1] += out[r];
+  return out;
+}
+
 template <class T>
 Columns<T> over(const Columns<T>& colour, const Columns<T>& opacity, const Columns<T>& background) {
   Columns<T> out;

@@ -19,16 +19,23 @@ using test::small_options;
 
 // The whole model from features to the loss: its values, and its gradients by features and weights.
 TEST(GridTape, GradientOfTheWholeModel) {
-  for (const auto& [density_layers, colour_layers, on_weights, per_ray] :
-       {std::tuple{1, 1, false, false},
-        {2, 2, false, false},
-        {1, 1, true, false},
-        {1, 2, false, true},
-        {1, 1, true, true}}) {
+  constexpr Real kShared = 0.05_r, kStop = 0.4_r;
+  for (const auto& [density_layers, colour_layers, on_weights, per_ray, shared] :
+       {std::tuple{1, 1, false, false, false},
+        {2, 2, false, false, false},
+        {1, 1, true, false, false},
+        {1, 2, false, true, false},
+        {1, 1, true, true, false},
+        {1, 2, false, false, true},
+        {1, 1, true, false, true}}) {
     GridOptions options = small_options(density_layers, colour_layers);
     options.colour_per_ray = per_ray;
     const GridField field(options, false, 1);
-    const GridTape tape(field, /*training=*/true, {.huber_delta = 0.1_r, .on_weights = on_weights});
+    const GridTape tape(field, /*training=*/true,
+                        {.huber_delta = 0.1_r,
+                         .on_weights = on_weights,
+                         .shared_colour = shared ? kShared : 0,
+                         .stop_transmittance = kStop});
     TapeUnderTest test{&tape.tape, {}, {}, {}, {}, 0, /*shared=*/1, /*weight_range=*/0.7};
     test.specs = {{field.shape.features(), Domain::kSamples, true},
                   {3, Domain::kRays, false, -1, 1, /*unit=*/true},
@@ -64,6 +71,14 @@ TEST(GridTape, GradientOfTheWholeModel) {
                                           on_columns::view_code_of_rays(v[1]));
             pixel = on_columns::over(colour, on_columns::slice(sums, options.geometry_features, 1),
                                      v[3]);
+          } else if (shared) {
+            const auto most = static_cast<double>(kShared), stop = static_cast<double>(kStop);
+            const auto w = on_columns::render_weights(density, v[2], v.rays, false);
+            const Rays groups = on_columns::groups_of_rays(w, v.rays, most, stop);
+            const auto colour = colour_of(on_columns::mean_of_groups(w, h, v.rays, most, stop),
+                                          on_columns::view_code(v[1], groups));
+            pixel = on_columns::accumulate(on_columns::group_light(w, v.rays, most, stop), colour,
+                                           v[3], groups);
           } else {
             const auto colour = colour_of(h, on_columns::view_code(v[1], v.rays));
             pixel = on_columns::composite(density, colour, v[2], v[3], v.rays).first;

@@ -13,7 +13,7 @@ namespace nerf {
 namespace {
 
 struct Work {
-  int64_t rays = 0, samples = 0;
+  int64_t rays = 0, samples = 0, colours = 0;
   std::vector<uint8_t> bits;
 };
 
@@ -26,6 +26,7 @@ Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOpti
   trainer.run([&](const StepReport& r) {
     work.rays += r.rays;
     work.samples += r.samples;
+    work.colours += r.colours;
     return true;
   });
   work.bits = test::bits_of(trainer);
@@ -47,6 +48,21 @@ TEST(GridSwitches, SaveSamplesOfARay) {
   EXPECT_LT(of([](TrainOptions& o) { o.grid.sampler.max_samples = 8; }), usual);
   EXPECT_GT(of([](TrainOptions& o) { o.grid.sampler.min_samples = 8; }), usual);
   EXPECT_LT(of([](TrainOptions& o) { o.occupancy_threshold = 0.2; }), usual);
+}
+
+TEST(GridSwitches, SaveColours) {
+  const auto c = test::sphere_capture(8, 32);
+  const Work usual = work_of(c, [](TrainOptions&) {});
+  const auto colours_of = [&](const std::function<void(TrainOptions&)>& change) {
+    const Work w = work_of(c, change);
+    return static_cast<double>(w.colours) / static_cast<double>(w.samples);
+  };
+  const double share = static_cast<double>(usual.colours) / static_cast<double>(usual.samples);
+  EXPECT_LT(share, 0.8);
+  EXPECT_EQ(colours_of([](TrainOptions& o) { o.shared_colour = 0; }), 1);
+  EXPECT_GT(colours_of([](TrainOptions& o) { o.shared_colour = 0.02; }), share);
+  EXPECT_LT(colours_of([](TrainOptions& o) { o.shared_colour = 0.5; }), share);
+  EXPECT_LT(colours_of([](TrainOptions& o) { o.grid.colour_per_ray = true; }), share);
 }
 
 TEST(GridSwitches, ChangeWhatIsLearnt) {
@@ -71,6 +87,8 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.cone_points = 6; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.features = 2; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.colour_per_ray = true; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.shared_colour = 0; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.stop_transmittance = 0.1; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.late_levels = 0.5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.coarse_photos = 0.5; }));
 }

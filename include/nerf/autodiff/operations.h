@@ -96,6 +96,15 @@ Value sum_along_rays(Tape& tape, Value weights, Value x);
 //   (1 - opacity) background; opacity.
 Value over(Tape& tape, Value colour, Value opacity, Value background);
 
+// Successive samples of a ray put together, as many as have at most `most` of a pixel's light (or
+// one that has more by itself), up to the first that less than `stop` of the light reaches; what is
+// behind belongs to no group and receives no gradient. Where the borders lie is not differentiated.
+//   weights [1 x samples] -> [1 x groups]: the groups' light, sums of their weights.
+Value group_light(Tape& tape, Value weights, Real most, Real stop);
+//   weights [1 x samples], x [r x samples] -> [r x groups]: means of x, weighted (where there is
+//   hardly any light, plain). Behind group_light() of the same weights.
+Value mean_of_groups(Tape& tape, Value weights, Value x);
+
 // Adds `gradient` [rows of x], which the caller fills between forward and backward, to the gradient
 // of x: for losses that are computed beside the tape (parts/losses.h).
 void add_gradient(Tape& tape, Value x, Value gradient);

@@ -1,10 +1,11 @@
 // Reverse-mode differentiation over chunks of rays.
 //
-// A value is a matrix [rows x samples] or [rows x rays]. Model code records operations on a Tape
-// once; plan() then lays every value and gradient out in one arena. A Chunk is one thread's
-// execution of that plan: its own arena, a view of the weights and an accumulator for their
-// gradients. The tape itself is constant after plan(), so any number of chunks run on it at once,
-// and nothing is allocated in a step.
+// A value is a matrix [rows x samples], [rows x rays] or [rows x groups], a group being successive
+// samples of a ray that an operation has put together (group_light()). Model code records
+// operations on a Tape once; plan() then lays every value and gradient out in one arena. A Chunk is
+// one thread's execution of that plan: its own arena, a view of the weights and an accumulator for
+// their gradients. The tape itself is constant after plan(), so any number of chunks run on it at
+// once, and nothing is allocated in a step.
 //
 // Rows have a stride of the chunk's capacity; columns beyond the count in use are padding up to a
 // multiple of kLane (kernels/linear.h): finite in values, zero in gradients.
@@ -22,7 +23,7 @@
 
 namespace nerf {
 
-enum class Domain { kSamples, kRays };
+enum class Domain { kSamples, kRays, kGroups };
 
 using Value = int;  // index of a value on its tape
 
@@ -41,7 +42,15 @@ struct Chunk {
   Real* weight_gradient = nullptr;  // same layout, accumulated into
   int samples = 0, rays = 0;        // columns in use
   const int32_t* ray_begin =
-      nullptr;      // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
+      nullptr;  // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
+  // What group_light() finds of the samples (kernels/sample_groups.h), and which groups are a
+  // ray's, as ray_begin says of its samples.
+  struct Groups {
+    int count = 0;
+    std::vector<int32_t> of, of_rays;
+    std::vector<Real> share, per_light;
+  };
+  Groups groups;
   double loss = 0;  // added to by loss operations
 
   Real* data(Value v);
@@ -98,7 +107,7 @@ class Tape {
   int rows(Value v) const { return values_[v].rows; }
   Domain domain(Value v) const { return values_[v].domain; }
   bool needs_gradient(Value v) const { return values_[v].gradient; }
-  int capacity(Domain d) const { return d == Domain::kSamples ? samples_ : rays_; }
+  int capacity(Domain d) const { return d == Domain::kRays ? rays_ : samples_; }
   // The only operation that reads v, or null where there are none or several.
   const Operation* only_consumer(Value v) const;
   const Operation* producer(Value v) const;

@@ -127,6 +127,9 @@ inline constexpr int kChunkRays = 240;
 struct GridLosses {
   Real huber_delta = 0.5_r;
   bool on_weights = false;  // the caller adds gradients to the weights along the rays
+  // Light that samples of one colour have together at most; 0: each has its own. See group_light().
+  Real shared_colour = 0;
+  Real stop_transmittance = 0;  // what gets less light learns nothing (shared colours only)
 };
 
 // The field on a tape, with the values that a caller fills and reads.
@@ -139,9 +142,11 @@ struct GridTape {
   Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
   Value geometry = 0;           // between: [geometry_features x samples]
   Value density = 0;            // out: [1 x samples]
-  Value colour = 0;             // out: [3 x samples]; training with colour_per_ray has none
-  Composite image{};            // out
-  Value weight_gradient = -1;   // between, GridLosses::on_weights only: [1 x samples]
+  // out: [3 x samples]; in training [3 x groups] where colours are shared, [3 x rays] with
+  // colour_per_ray
+  Value colour = 0;
+  Composite image{};           // out
+  Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
 
   GridTape(const GridField& field, bool training, const GridLosses& losses = {});
 

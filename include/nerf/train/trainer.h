@@ -55,11 +55,13 @@ struct TrainOptions {
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
   double network_l2 = 1e-6;
-  double early_samples = 0.2;         // of the first steps, as a share of samples_per_cell
-  double late_levels = 0;             // share of the rate's fall until all resolutions are on
-  double coarse_photos = 0;           // share of the rate's fall until pixels are single ones
-  double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
-  double occupancy_threshold = 0.01;  // opacity of a cell width below which a cell is empty
+  double early_samples = 0.2;    // of the first steps, as a share of samples_per_cell
+  double late_levels = 0;        // share of the rate's fall until all resolutions are on
+  double coarse_photos = 0;      // share of the rate's fall until pixels are single ones
+  double error_guidance = 0.7;   // 0: pixels are drawn uniformly; 1: where the error is
+  double shared_colour = 0.125;  // light of a pixel that samples of one colour have together
+  double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
+  double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
   GridOptions grid;
   // Of the other methods.
   NetworkOptions network;
@@ -112,6 +114,14 @@ struct TrainOptions {
       "how far pixels are drawn where the photos are not learnt yet: 0 uniformly, 1 by the root of "
       "the error alone",
       at_least(0), at_most(1));
+    v("shared_colour", shared_colour,
+      "light of a pixel that successive samples of one colour, that of their mean features, have "
+      "together at most; 0: each has its own (grid)",
+      at_least(0), at_most(1));
+    v("stop_transmittance", stop_transmittance,
+      "light below which what lies behind a place of a ray learns nothing; 0: everything learns "
+      "(grid, with --shared-colour)",
+      at_least(0), at_most(0.5));
     v("occupancy_threshold", occupancy_threshold,
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
     v("grid", grid, "field");
@@ -136,6 +146,7 @@ struct StepReport {
   double psnr = 0;      // of all photos' pixels, estimated from the step's rays; dB
   int64_t rays = 0;     // of this step
   int64_t samples = 0;  // network samples of this step: forward and backward
+  int64_t colours = 0;  // evaluations of the colour network (grid)
   double opacity = 0;   // mean over the step's rays
   double rate = 0;
 };

@@ -55,6 +55,43 @@ RenderedRay<T> composite(const std::vector<T>& density, const std::vector<std::a
   return out;
 }
 
+// Numbers of successive samples of a ray that share a colour: as many as have at most `most` of the
+// light together, or one that has more by itself, up to the first that less than `stop` reaches.
+// What is behind belongs to none.
+template <class T>
+std::vector<size_t> light_groups(const std::vector<T>& weights, double most, double stop) {
+  std::vector<size_t> sizes;
+  double light = 0, left = 1;
+  for (const T& w : weights) {
+    const double weight = real_part(w);
+    if (left < stop) break;
+    if (sizes.empty() || light + weight > most) {
+      sizes.push_back(0);
+      light = 0;
+    }
+    ++sizes.back();
+    light += weight;
+    left -= weight;
+  }
+  return sizes;
+}
+
+// What a sample counts in the mean of a group besides its light, so that one without light has a
+// mean too.
+inline constexpr double kLeastLight = 1e-10;
+
+// Mean of x over `count` samples from `first` on, weighted by their light.
+template <class T>
+T mean_by_light(const std::vector<T>& weights, const std::vector<T>& x, size_t first,
+                size_t count) {
+  T light(0), sum(0);
+  for (size_t i = first; i < first + count; ++i) {
+    light += weights[i] + T(kLeastLight);
+    sum += (weights[i] + T(kLeastLight)) * x[i];
+  }
+  return sum / light;
+}
+
 // Gradient of g . pixel with respect to densities and colours. With the light T_{i+1} that leaves
 // sample i and all that the samples j > i and the background add, A_i:
 //   d / d density_i = delta_i (T_{i+1} (c_i . g) - A_i),   d / d c_i = w_i g
