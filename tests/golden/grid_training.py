@@ -11,12 +11,19 @@ matrix product disturbed at random within its a priori rounding bound n u |A| |B
 result within a few u, and the largest deviation of 16 such runs is taken three times.
 
     /usr/bin/python3 tests/golden/grid_training.py > tests/golden/grid_training.txt
+    /usr/bin/python3 tests/golden/grid_training.py shared > tests/golden/grid_training_shared.txt
+
+The second run has one colour, that of their mean features, for successive samples of up to 0.2 of the
+light, and none for what less than 0.3 of it reaches.
 
 Lines: `loss value tolerance` of each step; `layer value tolerance value tolerance ...` of each
 network layer, [out x in] row by row, and `table ...`, rows of 4, after the last step.
 """
+import sys
+
 import numpy as np
 
+SHARED, STOP, LEAST = 0.2, 0.3, 1e-10  # LEAST: what a sample counts in a mean besides its light
 STEPS, U = 10, 2.0 ** -24
 COUNTS = [[7, 0, 5, 9, 3, 8], [1, 16, 0, 4, 17, 2], [12, 3, 3, 0, 1, 6]]  # samples of each ray
 LAYERS = [(8, 16), (16, 8), (24, 16), (16, 16), (16, 3)]  # in, out
@@ -122,7 +129,23 @@ def relu(x):
     return np.where(x.real > 0, x, 0)
 
 
-def evaluate(w, table, b, q, gradients=True):
+def groups_of(weight, begin):
+    """First sample, end and ray of each group."""
+    out = []
+    for r in range(len(begin) - 1):
+        left, first = 1, begin[r]
+        for i in range(begin[r], begin[r + 1] + 1):
+            gone = i == begin[r + 1] or left < STOP
+            if i > first and (gone or weight[first:i + 1].real.sum() > SHARED):
+                out.append((first, i, r))
+                first = i
+            if gone:
+                break
+            left -= weight[i].real
+    return out
+
+
+def evaluate(w, table, b, q, shared, gradients=True):
     """Loss of a batch and its gradients by w, by table, and which table rows received any."""
     n, rays = b.places.shape[1], len(b.begin) - 1
     found = [lookup(level, b.places) for level in LEVELS]
@@ -132,23 +155,37 @@ def evaluate(w, table, b, q, gradients=True):
     a1 = relu(q.product(w[0], x))
     h = q.product(w[1], a1)
     density = q.round(np.exp(h[0]), 2)
-    y = np.concatenate([h, q.round(harmonics(b.directions), 6)[:, b.ray_of]])
-    a2 = relu(q.product(w[2], y))
-    a3 = relu(q.product(w[3], a2))
-    colour = q.round(1 / (1 + np.exp(-q.product(w[4], a3))), 4)
-
     alpha = q.round(-np.expm1(-q.round(density * b.delta)), 8)
-    light, after, weight = np.ones((3, n + rays), colour.dtype)  # behind a ray, behind a sample
-    pixel = np.zeros((3, rays), colour.dtype)
+    light, after, weight = np.ones((3, n + rays), density.dtype)  # behind a ray, behind a sample
     for r in range(rays):
         t = 1
         for i in range(b.begin[r], b.begin[r + 1]):
             weight[i] = q.round(t * alpha[i])
             t = q.round(t * (1 - alpha[i]), 2)
             after[i] = t
-        s = slice(b.begin[r], b.begin[r + 1])
-        pixel[:, r] = q.product(colour[:, s], weight[s, None])[:, 0] + t * b.background[:, r]
         light[r] = t
+
+    # What has a colour: each sample, or a group of them.
+    groups = groups_of(weight, b.begin) if shared else [(i, i + 1, b.ray_of[i]) for i in range(n)]
+    ray_of = np.array([r for _, _, r in groups])
+    share, total = np.zeros((2, n), density.dtype)  # of a sample in its mean; the group's light
+    mix = np.zeros((n, len(groups)), density.dtype)
+    for g, (first, end, _) in enumerate(groups):
+        s = slice(first, end)
+        total[s] = (weight[s] + LEAST).sum()
+        share[s] = q.round((weight[s] + LEAST) / total[s], 4) if shared else 1
+        mix[s, g] = share[s]
+    mean = q.product(h, mix) if shared else h
+    y = np.concatenate([mean, q.round(harmonics(b.directions), 6)[:, ray_of]])
+    a2 = relu(q.product(w[2], y))
+    a3 = relu(q.product(w[3], a2))
+    colour = q.round(1 / (1 + np.exp(-q.product(w[4], a3))), 4)
+    of_group = np.array([q.round(weight[a:e].sum(), e - a) for a, e, _ in groups])
+    pixel = np.zeros((3, rays), colour.dtype)
+    for r in range(rays):
+        s = np.nonzero(ray_of == r)[0]
+        t = q.round(1 - of_group[s].sum(), len(s) + 1) if shared else light[r]
+        pixel[:, r] = q.product(colour[:, s], of_group[s, None])[:, 0] + t * b.background[:, r]
     e = q.round(pixel, 2) - b.target
     inside = np.abs(e.real) <= HUBER
     sign = np.where(e.real > 0, 1, -1)
@@ -157,22 +194,30 @@ def evaluate(w, table, b, q, gradients=True):
         return loss
 
     d_pixel = q.round(2 * np.where(inside, e, sign * HUBER) * b.scale, 3)
-    d_density, d_colour = np.zeros(n), np.zeros((3, n))
-    for r in range(rays):
-        behind = light[r] * (b.background[:, r] @ d_pixel[:, r])
-        for i in reversed(range(b.begin[r], b.begin[r + 1])):
-            seen = q.round(colour[:, i] @ d_pixel[:, r], 4)
-            d_density[i] = b.delta[i] * (q.round(after[i] * seen, 2) - q.round(behind, 2))
-            d_colour[:, i] = weight[i] * d_pixel[:, r]
-            behind += weight[i] * seen
     g = [None] * 5
-    d = q.round(d_colour * colour * (1 - colour), 4)
+    d = q.round(of_group * d_pixel[:, ray_of] * colour * (1 - colour), 6)
     g[4] = q.product(d, a3.T)
     d = np.where(a3 > 0, q.product(w[4].T, d), 0)
     g[3] = q.product(d, a2.T)
     d = np.where(a2 > 0, q.product(w[3].T, d), 0)
     g[2] = q.product(d, y.T)
-    d = q.product(w[2].T, d)[:8]
+    d_mean = q.product(w[2].T, d)[:8]
+
+    # By the weights: as light of a colour, and as a part of a mean. The background shows where they
+    # do not add up to 1: with a colour for every sample where the last one lets light through.
+    d_weight, d = np.zeros(n), q.product(d_mean, mix.T) if shared else d_mean
+    for k, (first, end, r) in enumerate(groups):
+        for i in range(first, end):
+            over = b.background[:, r] if shared else 0
+            d_weight[i] = q.round((colour[:, k] - over) @ d_pixel[:, r], 5)
+            if shared:
+                d_weight[i] += q.round(d_mean[:, k] @ (h[:, i] - mean[:, k]) / total[i], 12)
+    d_density = np.zeros(n)
+    for r in range(rays):
+        behind = 0 if shared else light[r] * (b.background[:, r] @ d_pixel[:, r])
+        for i in reversed(range(b.begin[r], b.begin[r + 1])):
+            d_density[i] = b.delta[i] * (q.round(after[i] * d_weight[i], 2) - q.round(behind, 2))
+            behind += weight[i] * d_weight[i]
     d[0] += q.round(d_density * density, 4)
     g[1] = q.product(d, a1.T)
     d = np.where(a1 > 0, q.product(w[1].T, d), 0)
@@ -200,13 +245,13 @@ def start():
     return w, (2 * uniform(9, 4 * 128) - 1).reshape(128, 4) / 2
 
 
-def train(q):
+def train(q, shared):
     w, table = start()
     moments = [(np.zeros_like(a), np.zeros_like(a)) for a in w]
     m, v, counters = np.zeros_like(table), np.zeros_like(table), np.zeros(128)
     losses = []
     for step in range(STEPS):
-        loss, g, g_table, touched = evaluate(w, table, Batch(step), q)
+        loss, g, g_table, touched = evaluate(w, table, Batch(step), q, shared)
         losses.append(loss)
         for a, da, (ma, va) in zip(w, g, moments):
             adam(q.round(da + L2 * a), ma, va, a, step + 1, q)
@@ -216,23 +261,24 @@ def train(q):
     return losses, w, table
 
 
-def check_gradients():
+def check_gradients(shared):
     w, table = start()
-    _, g, g_table, _ = evaluate(w, table, Batch(0), Exact())
+    _, g, g_table, _ = evaluate(w, table, Batch(0), Exact(), shared)
     for arrays, analytic in ((w, g), ([table], [g_table])):
         for k, a in enumerate(arrays):
             for i in range(0, a.size, 7):
                 c = [x.astype(complex) for x in arrays]
                 c[k].flat[i] += 1e-50j
                 both = (c, table) if arrays is w else (w, c[0])
-                want = evaluate(*both, Batch(0), Exact(), gradients=False).imag / 1e-50
+                want = evaluate(*both, Batch(0), Exact(), shared, gradients=False).imag / 1e-50
                 assert abs(analytic[k].flat[i] - want) < 1e-12, (k, i, analytic[k].flat[i], want)
 
 
 def main():
-    check_gradients()
-    losses, w, table = train(Exact())
-    runs = [train(Noisy(seed)) for seed in range(16)]
+    shared = sys.argv[1:] == ["shared"]
+    check_gradients(shared)
+    losses, w, table = train(Exact(), shared)
+    runs = [train(Noisy(seed), shared) for seed in range(16)]
 
     def line(kind, value, others):
         value = np.asarray(value)
