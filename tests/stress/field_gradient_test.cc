@@ -30,73 +30,83 @@ constexpr Sizes kSizes[] = {{1, 1, 1e-3_r},
                             {1e-10_r, 1e4_r, 1e7_r},
                             {1e15_r, 1e-10_r, 1e7_r}};
 
+void expect_finite_gradients(const Sizes& size, int rays, Real target, const GridLosses& losses) {
+  GridField field(small_options(), true, 2);
+  field.initialise(91);
+  for (Real& w : field.weights) w *= size.weights;
+  const GridTape tape(field, /*training=*/true, losses);
+  Chunk chunk(tape.tape);
+  AlignedArray<Real> weight_gradient(field.weights.size());
+  chunk.weights = field.weights.data();
+  chunk.weight_gradient = weight_gradient.data();
+  chunk.samples = kChunkSamples;
+  chunk.rays = rays;
+  std::vector<int32_t> begin;
+  for (int r = 0; r <= rays; ++r) begin.push_back(r * kChunkSamples / rays);
+  chunk.ray_begin = begin.data();
+  Random random(92, 0, 0);
+  const auto fill = [&](Value v, double low, double high) {
+    for (int r = 0; r < tape.tape.rows(v); ++r)
+      for (int64_t s = 0; s < chunk.stride(v); ++s)
+        chunk.data(v)[r * chunk.stride(v) + s] = uniform(random, low, high);
+  };
+  fill(tape.features, -double{size.features}, size.features);
+  fill(tape.directions, 0.5, 0.6);
+  fill(tape.delta, 0, size.delta);
+  fill(tape.background, 0, 1);
+  fill(tape.target, target, target);
+  fill(tape.scale, 1, 1);
+  const FlushDenormals guard;
+  tape.tape.forward(chunk);
+  tape.tape.backward(chunk);
+
+  ASSERT_TRUE(std::isfinite(chunk.loss) && chunk.loss >= 0);
+  const int64_t ls = chunk.stride(tape.density), lr = chunk.stride(tape.image.pixel);
+  for (int s = 0; s < kChunkSamples; ++s) {
+    const Real density = chunk.data(tape.density)[s];
+    // The largest is exp(kMaxLogDensity), a unit in the last place more or less.
+    ASSERT_TRUE(density >= 0 && density <= std::exp(kMaxLogDensity) * 1.000001_r) << density;
+    for (int f = 0; f < tape.tape.rows(tape.features); ++f)
+      ASSERT_TRUE(std::isfinite(chunk.gradient(tape.features)[f * ls + s]))
+          << "feature " << f << " sample " << s;
+  }
+  for (int64_t i = 0; i < chunk.count(tape.colour); ++i)
+    for (int k = 0; k < 3; ++k) {
+      const Real c = chunk.data(tape.colour)[k * chunk.stride(tape.colour) + i];
+      ASSERT_TRUE(c >= 0 && c <= 1) << c;
+    }
+  // Weights times colours in double, each weight's light counted once: one rounding. The light of
+  // groups is rounded once more for each, and the background shows where it does not add up to 1.
+  const Real rounding =
+      static_cast<Real>(kRoundoff) * (losses.shared_colour > 0 ? kChunkSamples / rays : 0);
+  for (int r = 0; r < rays; ++r) {
+    double sum = 0;
+    for (int32_t i = begin[static_cast<size_t>(r)]; i < begin[static_cast<size_t>(r) + 1]; ++i) {
+      ASSERT_GE(chunk.data(tape.image.weights)[i], 0);
+      sum += double{chunk.data(tape.image.weights)[i]};
+    }
+    ASSERT_LE(sum, 1 + 1e-6);
+    for (int k = 0; k < 4; ++k) {
+      const Real p = chunk.data(tape.image.pixel)[k * lr + r];
+      ASSERT_TRUE(p >= -rounding && p <= 1 + 2 * kRoundoff + rounding) << p;
+    }
+  }
+  for (Real g : weight_gradient) ASSERT_TRUE(std::isfinite(g));
+}
+
 TEST(StressField, GradientsStayFinite) {
   for_each_target([&](const std::string&) {
     for (const Sizes& size : kSizes)
       for (int rays : {1, 7, 240})
-        for (Real target : {0.0_r, 1.0_r}) {
-          SCOPED_TRACE("features " + std::to_string(size.features) + " weights " +
-                       std::to_string(size.weights) + " rays " + std::to_string(rays));
-          GridField field(small_options(), true, 2);
-          field.initialise(91);
-          for (Real& w : field.weights) w *= size.weights;
-          const GridTape tape(field, /*training=*/true);
-          Chunk chunk(tape.tape);
-          AlignedArray<Real> weight_gradient(field.weights.size());
-          chunk.weights = field.weights.data();
-          chunk.weight_gradient = weight_gradient.data();
-          chunk.samples = kChunkSamples;
-          chunk.rays = rays;
-          std::vector<int32_t> begin;
-          for (int r = 0; r <= rays; ++r) begin.push_back(r * kChunkSamples / rays);
-          chunk.ray_begin = begin.data();
-          Random random(92, 0, 0);
-          const auto fill = [&](Value v, double low, double high) {
-            for (int r = 0; r < tape.tape.rows(v); ++r)
-              for (int64_t s = 0; s < chunk.stride(v); ++s)
-                chunk.data(v)[r * chunk.stride(v) + s] = uniform(random, low, high);
-          };
-          fill(tape.features, -double{size.features}, size.features);
-          fill(tape.directions, 0.5, 0.6);
-          fill(tape.delta, 0, size.delta);
-          fill(tape.background, 0, 1);
-          fill(tape.target, target, target);
-          fill(tape.scale, 1, 1);
-          const FlushDenormals guard;
-          tape.tape.forward(chunk);
-          tape.tape.backward(chunk);
-
-          ASSERT_TRUE(std::isfinite(chunk.loss) && chunk.loss >= 0);
-          const int64_t ls = chunk.stride(tape.colour), lr = chunk.stride(tape.image.pixel);
-          for (int s = 0; s < kChunkSamples; ++s) {
-            const Real density = chunk.data(tape.density)[s];
-            // The largest is exp(kMaxLogDensity), a unit in the last place more or less.
-            ASSERT_TRUE(density >= 0 && density <= std::exp(kMaxLogDensity) * 1.000001_r)
-                << density;
-            for (int k = 0; k < 3; ++k) {
-              const Real c = chunk.data(tape.colour)[k * ls + s];
-              ASSERT_TRUE(c >= 0 && c <= 1) << c;
-            }
-            for (int f = 0; f < tape.tape.rows(tape.features); ++f)
-              ASSERT_TRUE(std::isfinite(chunk.gradient(tape.features)[f * ls + s]))
-                  << "feature " << f << " sample " << s;
+        for (Real target : {0.0_r, 1.0_r})
+          for (Real shared : {0.0_r, 0.125_r}) {
+            SCOPED_TRACE("features " + std::to_string(size.features) + " weights " +
+                         std::to_string(size.weights) + " rays " + std::to_string(rays) +
+                         " shared " + std::to_string(shared));
+            expect_finite_gradients(
+                size, rays, target,
+                {.shared_colour = shared, .stop_transmittance = shared > 0 ? 1e-3_r : 0});
           }
-          for (int r = 0; r < rays; ++r) {
-            double sum = 0;
-            for (int32_t i = begin[static_cast<size_t>(r)]; i < begin[static_cast<size_t>(r) + 1];
-                 ++i) {
-              ASSERT_GE(chunk.data(tape.image.weights)[i], 0);
-              sum += double{chunk.data(tape.image.weights)[i]};
-            }
-            ASSERT_LE(sum, 1 + 1e-6);
-            for (int k = 0; k < 4; ++k) {
-              const Real p = chunk.data(tape.image.pixel)[k * lr + r];
-              // Weights times colours in double, each weight's light counted once: one rounding.
-              ASSERT_TRUE(p >= 0 && p <= 1 + 2 * kRoundoff) << p;
-            }
-          }
-          for (Real g : weight_gradient) ASSERT_TRUE(std::isfinite(g));
-        }
   });
 }
 
