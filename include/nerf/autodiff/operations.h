@@ -1,5 +1,5 @@
 // Operations that model code writes on a tape. Shapes in brackets: [rows x columns], columns being
-// the samples or the rays of a chunk.
+// the samples, the rays or the groups of a chunk.
 #pragma once
 
 #include <memory>
@@ -65,8 +65,8 @@ Value repeat_for_samples(Tape& tape, Value x);
 // zeros where the index is below 0. A code for each photo (Bojanowski et al. 2018).
 Value table_rows(Tape& tape, Value index, const LinearWeights& w);
 
-// Spherical harmonics of the unit directions [3 x rays]: [16 x rays], or [16 x samples], repeated
-// for a ray's samples.
+// Spherical harmonics of the unit directions [3 x rays]: [16 x rays], or repeated for what belongs
+// to a ray, [16 x samples] or [16 x groups].
 Value view_code(Tape& tape, Value directions, Domain domain = Domain::kSamples);
 
 // Volume rendering (NeRF, equation 3) over the samples of each ray.
@@ -85,7 +85,8 @@ Composite composite(Tape& tape, Value density, Value colour, Value delta, Value 
 // With `opaque_end` the last interval of each ray lets nothing through, whatever its density is.
 Value render_weights(Tape& tape, Value density, Value delta, bool opaque_end);
 //   weights [1 x samples], colour [3 x samples], background [3 x rays] -> [4 x rays]: colour over
-//   the background, which shows where the weights do not add up to 1; sum of the weights.
+//   the background, which shows where the weights do not add up to 1; sum of the weights. Or of
+//   groups: light [1 x groups], colour [3 x groups].
 Value accumulate(Tape& tape, Value weights, Value colour, Value background);
 
 // The two steps of accumulate() apart, for a colour that is found once for a ray:
