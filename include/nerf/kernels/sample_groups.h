@@ -13,8 +13,8 @@ struct SampleGroups {
   int count;
   const int32_t* of;      // group of each sample: 0 first, then the same or the next one
   const Real* share;      // weight of the sample in its group's mean; 0: it belongs to none
-  const Real* per_light;  // derivative of its weight by its light, before they are made to add up
-                          // to 1: one over the group's; 0 likewise
+  const Real* per_light;  // what that weight grows by with the sample's light: one over the
+                          // group's; 0 likewise
 };
 
 // y_g = sum of share_i x_i over the samples of group g, for each of `rows` rows. Rows of x and y
