@@ -17,7 +17,7 @@ class CompositeOp : public Operation {
   void forward(Chunk& c) const override {
     Real* w = c.data(weights_);
     opacity(c.samples, c.data(inputs()[0]), c.data(inputs()[2]), w);
-    composite_forward(internal::rays_of(c), w, internal::data_rows(c, inputs()[1]),
+    composite_forward(internal::rays_of(c, inputs()[0]), w, internal::data_rows(c, inputs()[1]),
                       internal::data_rows(c, inputs()[3]), {c.data(output()), c.stride(output())});
   }
 
@@ -25,12 +25,12 @@ class CompositeOp : public Operation {
     NERF_CHECK(overwrites(0) && overwrites(1));
     const ColourRows<Real> d_colour = internal::gradient_rows(c, inputs()[1]);
     Real* d_density = c.gradient(inputs()[0]);
-    composite_backward(internal::rays_of(c), c.data(inputs()[0]), c.data(inputs()[2]),
+    composite_backward(internal::rays_of(c, inputs()[0]), c.data(inputs()[0]), c.data(inputs()[2]),
                        c.data(weights_), internal::data_rows(c, inputs()[1]),
                        internal::data_rows(c, inputs()[3]),
                        {c.gradient(output()), c.stride(output())}, d_density, d_colour);
-    internal::clear_padding(c, d_density);
-    for (int k = 0; k < 3; ++k) internal::clear_padding(c, d_colour.row(k));
+    internal::clear_padding(c, inputs()[0], d_density);
+    for (int k = 0; k < 3; ++k) internal::clear_padding(c, inputs()[1], d_colour.row(k));
   }
 
  private:

@@ -9,7 +9,6 @@
 
 namespace nerf::internal {
 
-inline RayRanges rays_of(const Chunk& c) { return {c.ray_begin, c.rays}; }
 // The columns of v that belong to each ray.
 inline RayRanges rays_of(const Chunk& c, Value v) {
   return {c.tape->domain(v) == Domain::kGroups ? c.groups.of_rays.data() : c.ray_begin, c.rays};
@@ -18,9 +17,6 @@ inline ColourRows<const Real> data_rows(Chunk& c, Value v) { return {c.data(v), 
 inline ColourRows<Real> gradient_rows(Chunk& c, Value v) { return {c.gradient(v), c.stride(v)}; }
 
 // Columns that belong to no ray take no part.
-inline void clear_padding(const Chunk& c, Real* gradient_row) {
-  std::fill(gradient_row + c.ray_begin[c.rays], gradient_row + round_up(c.samples, kLane), 0.0_r);
-}
 inline void clear_padding(const Chunk& c, Value v, Real* gradient_row) {
   const RayRanges rays = rays_of(c, v);
   std::fill(gradient_row + rays.begin[rays.count], gradient_row + round_up(c.count(v), kLane),

@@ -18,15 +18,15 @@ class RenderWeights : public Operation {
   void forward(Chunk& c) const override {
     Real* w = c.data(output());
     opacity(c.samples, c.data(inputs()[0]), c.data(inputs()[1]), w);
-    render_weights_forward(internal::rays_of(c), opaque_end_, w);
+    render_weights_forward(internal::rays_of(c, inputs()[0]), opaque_end_, w);
   }
 
   void backward(Chunk& c) const override {
     NERF_CHECK(overwrites(0));
     Real* d_density = c.gradient(inputs()[0]);
-    render_weights_backward(internal::rays_of(c), opaque_end_, c.data(inputs()[0]),
+    render_weights_backward(internal::rays_of(c, inputs()[0]), opaque_end_, c.data(inputs()[0]),
                             c.data(inputs()[1]), c.data(output()), c.gradient(output()), d_density);
-    internal::clear_padding(c, d_density);
+    internal::clear_padding(c, inputs()[0], d_density);
   }
 
  private:

@@ -1,5 +1,5 @@
-// Vectors of which only the first lanes stand in memory. Highway's pattern for headers that are
-// compiled once per target.
+// Vectors of which only the first lanes stand in memory, or whose lanes move. Highway's pattern for
+// headers that are compiled once per target.
 #if defined(NERF_KERNELS_PART_VECTORS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef NERF_KERNELS_PART_VECTORS_INL_H_
 #undef NERF_KERNELS_PART_VECTORS_INL_H_
@@ -27,6 +27,21 @@ HWY_INLINE void store_part(hwy::HWY_NAMESPACE::Vec<DF> v, DF d, float* p, int64_
     hwy::HWY_NAMESPACE::Store(v, d, part);
     std::copy_n(part, n, p);
   }
+}
+
+// Lane i of the result is lane i + kBy of v, or the nearest one there is.
+template <int kBy, class D>
+HWY_INLINE hwy::HWY_NAMESPACE::Vec<D> moved_lanes(D d, hwy::HWY_NAMESPACE::Vec<D> v) {
+  using Index = hwy::MakeSigned<hwy::HWY_NAMESPACE::TFromD<D>>;
+  static constexpr int kLanes = static_cast<int>(hwy::HWY_NAMESPACE::MaxLanes(D()));
+  struct Places {
+    constexpr Places() {
+      for (int i = 0; i < kLanes; ++i) at[i] = std::clamp(i + kBy, 0, kLanes - 1);
+    }
+    alignas(64) Index at[kLanes] = {};
+  };
+  static constexpr Places places;
+  return hwy::HWY_NAMESPACE::TableLookupLanes(v, hwy::HWY_NAMESPACE::SetTableIndices(d, places.at));
 }
 
 }  // namespace HWY_NAMESPACE

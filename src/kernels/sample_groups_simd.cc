@@ -8,6 +8,7 @@
 // clang-format off: foreach_target.h must come first
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include "kernels/part_vectors-inl.h"
 // clang-format on
 
 HWY_BEFORE_NAMESPACE();
@@ -21,19 +22,6 @@ using DI = hn::RebindToSigned<D>;
 using V = hn::Vec<D>;
 using M = hn::Mask<D>;
 constexpr int64_t kLanes = static_cast<int64_t>(hn::MaxLanes(D()));
-
-// Lane i of the result is lane i - kBy of v; the first kBy are not to be used.
-template <int kBy>
-HWY_INLINE V from_before(V v) {
-  struct Places {
-    constexpr Places() {
-      for (int i = 0; i < kLanes; ++i) at[i] = std::max(0, i - kBy);
-    }
-    alignas(64) int32_t at[kLanes] = {};
-  };
-  static constexpr Places places;
-  return hn::TableLookupLanes(v, hn::SetTableIndices(D(), places.at));
-}
 
 // Lanes whose group is that of the lane kBy before them.
 template <int kBy>
@@ -63,10 +51,10 @@ void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, 
       float* to = y + k * ldy + first;
       V v = hn::Mul(share, hn::LoadU(d, x + k * ldx + i));
       if (begun) v = hn::Add(v, hn::IfThenElseZero(hn::FirstN(d, 1), hn::Set(d, *to)));
-      if constexpr (kLanes > 1) v = hn::Add(v, hn::IfThenElseZero(same1, from_before<1>(v)));
-      if constexpr (kLanes > 2) v = hn::Add(v, hn::IfThenElseZero(same2, from_before<2>(v)));
-      if constexpr (kLanes > 4) v = hn::Add(v, hn::IfThenElseZero(same4, from_before<4>(v)));
-      if constexpr (kLanes > 8) v = hn::Add(v, hn::IfThenElseZero(same8, from_before<8>(v)));
+      if constexpr (kLanes > 1) v = hn::Add(v, hn::IfThenElseZero(same1, moved_lanes<-1>(d, v)));
+      if constexpr (kLanes > 2) v = hn::Add(v, hn::IfThenElseZero(same2, moved_lanes<-2>(d, v)));
+      if constexpr (kLanes > 4) v = hn::Add(v, hn::IfThenElseZero(same4, moved_lanes<-4>(d, v)));
+      if constexpr (kLanes > 8) v = hn::Add(v, hn::IfThenElseZero(same8, moved_lanes<-8>(d, v)));
       hn::StoreU(hn::Compress(v, ends), d, to);
     }
   }

@@ -51,15 +51,8 @@ HWY_INLINE V load_lengths(const float* delta, int n) {
 // A vector whose lane i is lane i + kBy of v, and `fill` where there is none.
 template <int kBy>
 HWY_INLINE V shifted(V v, double fill) {
-  struct Places {
-    constexpr Places() {
-      for (int i = 0; i < kLanes; ++i) at[i] = std::clamp(i + kBy, 0, kLanes - 1);
-    }
-    alignas(64) int64_t at[kLanes] = {};
-  };
-  static constexpr Places places;
   const D d;
-  const V moved = hn::TableLookupLanes(v, hn::SetTableIndices(d, places.at));
+  const V moved = moved_lanes<kBy>(d, v);
   constexpr size_t kMoved = static_cast<size_t>(std::max(0, kLanes - (kBy < 0 ? -kBy : kBy)));
   if constexpr (kBy > 0) return hn::IfThenElse(hn::FirstN(d, kMoved), moved, hn::Set(d, fill));
   return hn::IfThenElse(hn::FirstN(d, kLanes - kMoved), hn::Set(d, fill), moved);
