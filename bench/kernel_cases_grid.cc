@@ -16,7 +16,7 @@ namespace {
 
 HashGridShape shape_of(int log2_entries) {
   const GridOptions o;
-  return hash_grid_shape(o.levels, log2_entries, o.base_resolution, o.finest_resolution);
+  return hash_grid_shape(o.levels, log2_entries, o.base_resolution, GridOptions::kFinestUnbounded);
 }
 
 // All levels of a grid over one training batch, cut as a training step cuts it: forward by level

@@ -29,9 +29,13 @@ using Row = hn::CappedTag<float, F>;
 // A level's table of more bytes than this is far away: its rows are asked for ahead.
 constexpr size_t kNear = size_t{3} << 18;
 
+// The eight corners of a cell as four pairs of neighbours in x: what both share is worked out once.
 struct Corners {
-  alignas(64) uint32_t at[8][kGroup];  // where the row begins, in floats
-  alignas(64) float weight[8][kGroup];
+  alignas(64) uint32_t low[4][kGroup];   // where the row of the lower x begins, in floats
+  alignas(64) uint32_t high[4][kGroup];  // of the higher x; a dense table's is the next row
+  alignas(64) float weight[4][kGroup];   // of the pair
+  alignas(64) float near[kGroup];        // share of the lower x in each pair
+  alignas(64) float far[kGroup];         // of the higher x
 };
 
 struct Axis {
@@ -66,27 +70,44 @@ HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const f
     const Axis ax = axis(x + first, level.scale, 1u);
     const Axis ay = axis(y + first, level.scale, kDense ? side : 2654435761u);
     const Axis az = axis(z + first, level.scale, kDense ? side * side : 805459861u);
-    for (int c = 0; c < 8; ++c) {
-      const auto ix = c & 1 ? ax.high : ax.low;
-      const auto iy = c & 2 ? ay.high : ay.low;
-      const auto iz = c & 4 ? az.high : az.low;
-      const auto wx = c & 1 ? ax.far : ax.near;
-      const auto wy = c & 2 ? ay.far : ay.near;
-      const auto wz = c & 4 ? az.far : az.near;
-      auto row = kDense ? hn::Add(ix, hn::Add(iy, iz)) : hn::Xor(ix, hn::Xor(iy, iz));
-      if (!kDense) row = hn::And(row, mask);
-      hn::Store(hn::ShiftLeft < F == 4 ? 2 : 1 > (row), du, out.at[c] + first);
-      hn::Store(hn::Mul(wx, hn::Mul(wy, wz)), d, out.weight[c] + first);
+    hn::Store(ax.near, d, out.near + first);
+    hn::Store(ax.far, d, out.far + first);
+    for (int k = 0; k < 4; ++k) {
+      const auto iy = k & 1 ? ay.high : ay.low;
+      const auto iz = k & 2 ? az.high : az.low;
+      const auto wy = k & 1 ? ay.far : ay.near;
+      const auto wz = k & 2 ? az.far : az.near;
+      hn::Store(hn::Mul(wy, wz), d, out.weight[k] + first);
+      constexpr int kShift = F == 4 ? 2 : 1;
+      if (kDense) {
+        const auto row = hn::Add(ax.low, hn::Add(iy, iz));
+        hn::Store(hn::ShiftLeft<kShift>(row), du, out.low[k] + first);
+      } else {
+        const auto term = hn::Xor(iy, iz);
+        const auto low = hn::And(hn::Xor(ax.low, term), mask);
+        const auto high = hn::And(hn::Xor(ax.high, term), mask);
+        hn::Store(hn::ShiftLeft<kShift>(low), du, out.low[k] + first);
+        hn::Store(hn::ShiftLeft<kShift>(high), du, out.high[k] + first);
+      }
     }
   }
+}
+
+template <bool kDense, int F>
+HWY_INLINE size_t high_row(const Corners& c, int k, int s) {
+  return kDense ? size_t{c.low[k][s]} + F : c.high[k][s];
 }
 
 // Asks for the rows that a group of corners will read or write, into the second-level cache: the
 // first one waits for too few at a time (on Zen 4 a lookup takes a third of the time it took with
 // it, where the table is 8 MB).
+template <bool kDense, int F>
 HWY_INLINE void prefetch_rows(const Corners& c, const float* rows) {
-  for (int i = 0; i < 8; ++i)
-    for (int s = 0; s < kGroup; ++s) __builtin_prefetch(rows + c.at[i][s], 0, 2);
+  for (int k = 0; k < 4; ++k)
+    for (int s = 0; s < kGroup; ++s) {
+      __builtin_prefetch(rows + c.low[k][s], 0, 2);
+      __builtin_prefetch(rows + high_row<kDense, F>(c, k, s), 0, 2);
+    }
 }
 
 // Calls body(corners, s) for each group of samples from s on, the corners of the next one found
@@ -102,7 +123,7 @@ HWY_INLINE void each_group(const HashGridLevel& level, const float* rows, const 
     if (s + kGroup < end) {
       Corners& next = corners[(s / kGroup + 1) & 1];
       find_corners<kDense, F>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
-      if (far) prefetch_rows(next, rows);
+      if (far) prefetch_rows<kDense, F>(next, rows);
     }
     body(corners[(s / kGroup) & 1], s);
   }
@@ -117,12 +138,14 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
   each_group<kDense, F>(level, table, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
     alignas(64) float sum[kGroup * F];
     for (int i = 0; i < kGroup; ++i) {
-      auto even = hn::Zero(d), odd = hn::Zero(d);
-      for (int k = 0; k < 8; k += 2) {
-        even = hn::MulAdd(hn::Set(d, c.weight[k][i]), hn::Load(d, table + c.at[k][i]), even);
-        odd = hn::MulAdd(hn::Set(d, c.weight[k + 1][i]), hn::Load(d, table + c.at[k + 1][i]), odd);
+      auto low = hn::Zero(d), high = hn::Zero(d);
+      for (int k = 0; k < 4; ++k) {
+        const auto weight = hn::Set(d, c.weight[k][i]);
+        low = hn::MulAdd(weight, hn::Load(d, table + c.low[k][i]), low);
+        high = hn::MulAdd(weight, hn::Load(d, table + high_row<kDense, F>(c, k, i)), high);
       }
-      hn::Store(hn::Add(even, odd), d, sum + i * F);
+      high = hn::Mul(hn::Set(d, c.far[i]), high);
+      hn::Store(hn::MulAdd(hn::Set(d, c.near[i]), low, high), d, sum + i * F);
     }
     for (int h = 0; h < kGroup; h += 4) {
       float* to = features + s + h;
@@ -161,10 +184,14 @@ void backward_level(const HashGridLevel& level, const float* x, const float* y, 
     for (int i = 0; i < kGroup; ++i) {
       const auto gi = hn::Load(d, g + i * F);
       if (hn::AllTrue(d, hn::Eq(gi, hn::Zero(d)))) continue;
-      for (int k = 0; k < 8; ++k) {
-        const uint32_t at = c.at[k][i];
-        hn::Store(hn::MulAdd(hn::Set(d, c.weight[k][i]), gi, hn::Load(d, gradient + at)), d,
-                  gradient + at);
+      const auto low = hn::Mul(hn::Set(d, c.near[i]), gi), high = hn::Mul(hn::Set(d, c.far[i]), gi);
+      for (int k = 0; k < 4; ++k) {
+        const auto weight = hn::Set(d, c.weight[k][i]);
+        float* to = gradient + c.low[k][i];
+        hn::Store(hn::MulAdd(weight, low, hn::Load(d, to)), d, to);
+        touched[c.low[k][i] / F] = 1;
+        const size_t at = high_row<kDense, F>(c, k, i);
+        hn::Store(hn::MulAdd(weight, high, hn::Load(d, gradient + at)), d, gradient + at);
         touched[at / F] = 1;
       }
     }

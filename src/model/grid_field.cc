@@ -45,8 +45,10 @@ int occupancy_side(const GridOptions& o, bool unbounded) {
 }
 
 HashGridShape hash_grid_shape(const GridOptions& o) {
-  return hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, o.finest_resolution,
-                         o.features);
+  const int finest = o.finest_resolution != 0
+                         ? o.finest_resolution
+                         : std::max(o.base_resolution, GridOptions::kFinestUnbounded);
+  return hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, finest, o.features);
 }
 
 void GridOptions::check_options() const {
@@ -63,7 +65,7 @@ void GridOptions::check_options() const {
   if (occupancy_side % 16 != 0)
     throw Error(std::to_string(occupancy_side) + " is no multiple of 16", "--grid-occupancy-side",
                 "for example 128 or 256");
-  if (finest_resolution < base_resolution)
+  if (finest_resolution != 0 && finest_resolution < base_resolution)
     throw Error(std::to_string(finest_resolution) + " is less than --grid-base-resolution " +
                     std::to_string(base_resolution),
                 "--grid-finest-resolution", "give at least as many cells");

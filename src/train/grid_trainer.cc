@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "nerf/parts/losses.h"
+#include "train/finest_resolution.h"
 #include "train/lap.h"
 #include "train/visibility.h"
 
@@ -40,7 +41,7 @@ OptimiserState::OptimiserState(const GridField& field)
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t),
       distortion(distortion_weight(o, s)),
-      field(o.grid, s.unbounded, cascades_of(s)),
+      field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true,
            {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0,

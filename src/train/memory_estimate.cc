@@ -43,7 +43,7 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   if (options.method != kGridMethod) return network_memory_bytes(options, threads);
   constexpr uint64_t kFloat = sizeof(Real);
   const GridOptions& o = options.grid;
-  const HashGridShape shape = hash_grid_shape(o);
+  const HashGridShape shape = hash_grid_shape(o);  // a resolution left open: the finest
   const uint64_t rows = shape.rows;
   const uint64_t table = shape.size() * kFloat;
 

@@ -208,10 +208,12 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   bool found[kBlock] = {};
   const size_t n = static_cast<size_t>(drawn);
   source_.locate(randoms, &errors_, std::span(pixels, n), std::span(found, n), pixel_block);
+  // One after the other, so that the processor waits for several photos' memory at a time.
+  for (size_t i = 0; i < n; ++i) found[i] = found[i] && source_.read(pixels[i]);
   for (int i = 0; i < kBlock; ++i) {
     RayRecord& record = block.rays[i];
     record = RayRecord();
-    if (!found[i] || !source_.read(pixels[i])) continue;
+    if (!found[i]) continue;
     Random& random = randoms[static_cast<size_t>(i)];
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;

@@ -150,8 +150,9 @@ TEST_F(NerfTrain, MemoryEstimateHoldsWhatIsUsed) {
     return nlohmann::json::parse(file("result.json", run))["peak_memory_bytes"].get<double>();
   };
   model_after("tiny", {"--steps", "2"});
-  const ProgramResult usual = train(
-      {scene(), "-o", run_folder("usual"), "--steps", "2", "--eval-every", "0", "--threads", "2"});
+  const ProgramResult usual =
+      train({scene(), "-o", run_folder("usual"), "--steps", "2", "--eval-every", "0", "--threads",
+             "2", "--grid-finest-resolution", "2048"});  // what is estimated for any
   ASSERT_EQ(usual.exit_code, 0) << usual.err;
   const double used = peak("usual") - peak("tiny");
   const double estimate =

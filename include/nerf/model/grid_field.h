@@ -27,7 +27,9 @@ struct GridOptions {
   int log2_entries = 19;
   int features = 4;
   int base_resolution = 16;
-  int finest_resolution = 2048;
+  int finest_resolution = 0;
+  // Of an unbounded scene, and without a scene, where finest_resolution is 0.
+  static constexpr int kFinestUnbounded = 2048;
   int hidden = 64;
   int density_layers = 1;
   int colour_layers = 2;
@@ -46,8 +48,10 @@ struct GridOptions {
     v("features", features, "features of an entry, 2 or 4", at_least(2), at_most(4));
     v("base_resolution", base_resolution, "coarsest resolution, cells across the region",
       at_least(2), at_most(512));
-    v("finest_resolution", finest_resolution, "finest resolution, cells across the region",
-      at_least(2), at_most(1 << 20));
+    v("finest_resolution", finest_resolution,
+      "finest resolution, cells across the region; 0: cells a pixel wide where the scene has "
+      "bounds, else 2048",
+      at_least(0), at_most(1 << 20));
     v("hidden", hidden, "width of the networks", at_least(16), at_most(1024));
     v("density_layers", density_layers, "hidden layers of the density network", at_least(1),
       at_most(8));

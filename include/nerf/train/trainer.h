@@ -54,7 +54,7 @@ struct TrainOptions {
   double hold = 0.1;  // share of the steps before the rate begins to fall, linearly
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
-  double network_l2 = 1e-6;
+  double network_l2 = 0;
   double early_samples = 0.2;    // of the first steps, as a share of samples_per_cell
   double late_levels = 0;        // share of the rate's fall until all resolutions are on
   double coarse_photos = 0;      // share of the rate's fall until pixels are single ones

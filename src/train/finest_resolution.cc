@@ -1,0 +1,36 @@
+#include "train/finest_resolution.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace nerf {
+
+GridOptions resolved(const GridOptions& options, const Scene& scene, const PhotoSet& photos) {
+  GridOptions o = options;
+  if (o.finest_resolution != 0) return o;
+  o.finest_resolution = GridOptions::kFinestUnbounded;
+  if (scene.unbounded) return o;
+  constexpr double kPixelsPerCell = 1.0;   // docs/benchmarks.md, "Switches of training"
+  constexpr double kLeastDistance = 0.25;  // of a camera that stands in the middle of things
+  std::vector<double> pixel_widths;        // in the middle of the region
+  for (const int v : scene.train) {
+    const View& view = scene.views[static_cast<size_t>(v)];
+    if (view.scale > 1) continue;  // the same photo again
+    const Camera& camera = photos.cameras[static_cast<size_t>(v)];
+    const double apart =
+        std::sqrt(3.0) * pixel_cone_radius(camera, {0.5 * camera.width, 0.5 * camera.height});
+    const double distance = length(scene.to_engine.apply(view.pose).translation);
+    if (apart > 0) pixel_widths.push_back(apart * std::max(distance, kLeastDistance));
+  }
+  if (pixel_widths.empty()) return o;
+  const auto median = pixel_widths.begin() + static_cast<std::ptrdiff_t>(pixel_widths.size() / 2);
+  std::nth_element(pixel_widths.begin(), median, pixel_widths.end());
+  const double cells = 2 / (kPixelsPerCell * *median);
+  o.finest_resolution = static_cast<int>(
+      std::lround(std::clamp(cells, static_cast<double>(o.base_resolution),
+                             std::max<double>(o.base_resolution, GridOptions::kFinestUnbounded))));
+  return o;
+}
+
+}  // namespace nerf
