@@ -124,6 +124,7 @@ void MetricsFile::add_step(const RunProgress& p) {
                    {"opacity", p.report.opacity},
                    {"rays", p.report.rays},
                    {"samples", p.report.samples},
+                   {"colours", p.report.colours},
                    {"samples_per_second", p.samples_per_second}}));
 }
 

@@ -16,10 +16,6 @@ namespace nerf {
 
 namespace {
 
-// Network samples after which every step of a bounded scene takes exact rays: 3000 steps of the
-// default batch.
-constexpr double kSamplesUntilSharp = 2e8;
-
 int cascades_of(const Scene& scene) {
   int c = 1;
   while (scene.unbounded && c < kMostCascades && std::ldexp(1.0, c - 1) < scene.far) ++c;
@@ -83,43 +79,6 @@ void GridTrainer::initialise() {
   pack();
 }
 
-Real GridTrainer::rate_at(int64_t step) const {
-  const double rise =
-      std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
-  return static_cast<Real>(options.rate * rate_factor * rise *
-                           std::lerp(1.0, options.final_rate, progress_at(step)));
-}
-
-Real GridTrainer::samples_per_cell_at(int64_t step) const {
-  return samples_per_cell_at(step, options.steps);
-}
-
-Real GridTrainer::samples_per_cell_at(int64_t step, int64_t steps) const {
-  // Squared: exact rays pay only once the field is sharp. When a bounded scene is does not depend
-  // on how long the run goes on after that; an unbounded one gains from more rays to the end.
-  double progress = progress_at(step, steps);
-  if (!field.unbounded) {
-    const double seen = static_cast<double>(step) * options.batch_samples;
-    progress = std::max(progress, std::min(1.0, seen / kSamplesUntilSharp));
-  }
-  return options.grid.sampler.samples_per_cell *
-         static_cast<Real>(std::lerp(options.early_samples, 1.0, progress * progress));
-}
-
-// Resolutions in use: the coarser half at first.
-int64_t GridTrainer::levels_at(int64_t step) const {
-  const int64_t all = static_cast<int64_t>(field.shape.levels.size());
-  if (options.late_levels <= 0) return all;
-  const double share = std::min(1.0, progress_at(step) / options.late_levels);
-  return all - all / 2 + static_cast<int64_t>(share * static_cast<double>(all / 2));
-}
-
-int GridTrainer::pixel_block_at(int64_t step) const {
-  const double progress = progress_at(step);
-  if (progress >= options.coarse_photos) return 1;
-  return progress < options.coarse_photos / 2 ? 4 : 2;
-}
-
 GridPoints GridTrainer::points_of(int64_t chunk) const {
   const int64_t at = chunk * batch.points * kChunkSamples;
   return {batch.x.data() + at, batch.y.data() + at,
@@ -156,8 +115,10 @@ StepReport GridTrainer::step() {
     }
   });
   lap.into(profile.encode);
+  const double network_before = profile.network;
   run_chunks();
   lap.into(profile.network);
+  const double network = profile.network - network_before;
 
   StepReport report;
   for (int c = 0; c < batch.chunks; ++c) {
@@ -179,45 +140,18 @@ StepReport GridTrainer::step() {
 
   const double seen = static_cast<double>(batch.total_samples) /
                       static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
-  samples_per_ray = done == 0 ? seen : 0.8 * samples_per_ray + 0.2 * seen;
+  const auto follow = [&](double& mean, double now) {
+    mean = done == 0 ? now : 0.8 * mean + 0.2 * now;
+  };
+  follow(samples_per_ray, seen);
+  follow(chunk_seconds, network);
+  follow(colours_per_sample, static_cast<double>(report.colours) /
+                                 static_cast<double>(std::max<int64_t>(report.samples, 1)));
   ++done;
   refresh_occupancy();
   lap.into(profile.occupancy);
   report.step = done;
   return report;
-}
-
-double GridTrainer::late_saving_seconds() {
-  constexpr int kRepeats = 3;
-  const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
-  const Real late = options.grid.sampler.samples_per_cell;
-  double rays = capacity / std::max(samples_per_ray, 0.05), least[2] = {1e30, 1e30};
-  for (const Real samples : {samples_per_cell_at(done), late}) {
-    double& time = least[samples == late];
-    for (int i = 0; i < kRepeats; ++i) {
-      const double begin = seconds_now();
-      maker.fill(options.seed ^ salt, done, static_cast<int64_t>(rays), samples,
-                 pixel_block_at(done), batch);
-      time = std::min(time, seconds_now() - begin);
-      rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
-                                    static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
-    }
-  }
-  return least[0] < 1e30 ? least[0] - least[1] : 0;
-}
-
-double GridTrainer::late_saving_share(int64_t steps) const {
-  // What drawing costs is proportional to the number of rays that a batch has room for.
-  const auto rays = [&](int64_t step) {
-    return 1 / static_cast<double>(samples_per_cell_at(step, steps));
-  };
-  const double now = rays(done), last = rays(steps);
-  if (!(now > last)) return 1;
-  constexpr int kParts = 64;
-  double sum = 0;
-  for (int i = 0; i < kParts; ++i)
-    sum += now - rays(done + (std::max(steps, done) - done) * (2 * i + 1) / (2 * kParts));
-  return std::clamp(sum / kParts / (now - last), 0.0, 1.0);
 }
 
 void GridTrainer::run_chunks() {

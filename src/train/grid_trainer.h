@@ -46,6 +46,7 @@ struct GridTrainer final : TrainerImpl {
   Real rate_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step, int64_t steps) const;  // of a plan of so many
+  double colour_seconds() const;
   int64_t levels_at(int64_t step) const;
   int pixel_block_at(int64_t step) const;
   GridPoints points_of(int64_t chunk) const;
@@ -82,6 +83,8 @@ struct GridTrainer final : TrainerImpl {
   std::vector<double> chunk_loss, chunk_opacity;
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
+  // Of the last steps: what the networks took, and of how many samples a colour was asked for.
+  double chunk_seconds = 0, colours_per_sample = 0;
 };
 
 }  // namespace nerf

@@ -157,5 +157,29 @@ TEST(SamplesPerCell, AreExactOnceTheFieldIsSharp) {
   EXPECT_NEAR(share(1000000), 1, bound);
 }
 
+// Of the time of the chunks by the networks' multiply-adds, where fewer rays need fewer colours.
+TEST(SamplesPerCell, SharedColoursTakeTheirShareOfTheChunks) {
+  const auto c = test::sphere_capture(4, 16);
+  ThreadPool pool(1);
+  TrainOptions options = test::tiny_options(1000);
+  options.grid.hidden = 32;
+  options.grid.geometry_features = 16;
+  options.grid.colour_layers = 2;
+  const auto colours = [&] {
+    GridTrainer trainer(c.scene, c.photos, options, pool);
+    trainer.chunk_seconds = 0.03;
+    trainer.colours_per_sample = 0.5;
+    return trainer.colour_seconds();
+  };
+  options.shared_colour = 0;
+  EXPECT_EQ(colours(), 0);
+  options.shared_colour = 0.1;
+  const double features = options.grid.levels * options.grid.features;
+  const double density = features * 32 + 32 * 16, colour = 0.5 * (32 * 32 + 32 * 32 + 32 * 3);
+  EXPECT_NEAR(colours(), 0.03 * colour / (density + colour), 1e-12);
+  options.grid.colour_per_ray = true;
+  EXPECT_EQ(colours(), 0);
+}
+
 }  // namespace
 }  // namespace nerf
