@@ -58,23 +58,27 @@ double GridTrainer::late_saving_seconds() {
   const Real late = options.grid.sampler.samples_per_cell;
   const double rays_now = capacity / std::max(samples_per_ray, 0.05);
   double rays = rays_now, least[2] = {1e30, 1e30};
+  int64_t step = done;
   for (const Real samples : {samples_per_cell_at(done), late}) {
     double& time = least[samples == late];
     for (int i = 0; i < kRepeats; ++i) {
       const double begin = seconds_now();
-      maker.fill(options.seed ^ salt, done, static_cast<int64_t>(rays), samples,
+      // Other rays each time: the same again would find their photos' memory in a cache.
+      maker.fill(options.seed ^ salt, step++, static_cast<int64_t>(rays), samples,
                  pixel_block_at(done), batch);
       time = std::min(time, seconds_now() - begin);
       rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
                                     static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
     }
   }
-  const double colours = colour_seconds() * (1 - rays / std::max(rays_now, 1.0));
-  return least[0] < 1e30 ? least[0] - least[1] + std::max(colours, 0.0) : 0;
+  // Fewer rays of more samples each need fewer colours: on lego as the root of their number.
+  const double colours =
+      colour_seconds() * (1 - std::sqrt(std::min(1.0, rays / std::max(rays_now, 1.0))));
+  return least[0] < 1e30 ? least[0] - least[1] + colours : 0;
 }
 
-// Seconds of a step's colours where samples share them: a ray needs as many whatever its samples,
-// so that fewer rays need fewer. The chunks' time goes by the multiply-adds of both networks.
+// Seconds of a step's colours where samples share them. The chunks' time goes by the multiply-adds
+// of both networks.
 double GridTrainer::colour_seconds() const {
   if (options.shared_colour <= 0 || options.grid.colour_per_ray) return 0;
   const auto products = [](const std::vector<LinearWeights>& layers) {
@@ -88,7 +92,8 @@ double GridTrainer::colour_seconds() const {
 }
 
 double GridTrainer::late_saving_share(int64_t steps) const {
-  // What drawing costs is proportional to the number of rays that a batch has room for.
+  // What drawing costs is proportional to the number of rays that a batch has room for; the part
+  // that colours have in the saving comes a little sooner.
   const auto rays = [&](int64_t step) {
     return 1 / static_cast<double>(samples_per_cell_at(step, steps));
   };
