@@ -142,6 +142,8 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"distortion 0.02", {"--distortion", "0.02"}},
       {"16 levels of 2 features", {"--grid-levels", "16", "--grid-features", "2"}},
       {"8 levels", {"--grid-levels", "8"}},
+      {"finest cells 1/2048", {"--grid-finest-resolution", "2048"}},
+      {"weight decay", {"--network-l2", "1e-6"}},
       {"one hidden colour layer", {"--grid-colour-layers", "1"}},
       {"a colour for each sample", {"--shared-colour", "0"}},
       {"colour once per ray", {"--grid-colour-per-ray"}},

@@ -45,9 +45,7 @@ int occupancy_side(const GridOptions& o, bool unbounded) {
 }
 
 HashGridShape hash_grid_shape(const GridOptions& o) {
-  const int finest = o.finest_resolution != 0
-                         ? o.finest_resolution
-                         : std::max(o.base_resolution, GridOptions::kFinestUnbounded);
+  const int finest = o.finest_resolution != 0 ? o.finest_resolution : GridOptions::kFinestUnbounded;
   return hash_grid_shape(o.levels, o.log2_entries, o.base_resolution, finest, o.features);
 }
 

@@ -11,9 +11,8 @@ GridOptions resolved(const GridOptions& options, const Scene& scene, const Photo
   if (o.finest_resolution != 0) return o;
   o.finest_resolution = GridOptions::kFinestUnbounded;
   if (scene.unbounded) return o;
-  constexpr double kPixelsPerCell = 1.0;   // docs/benchmarks.md, "Switches of training"
   constexpr double kLeastDistance = 0.25;  // of a camera that stands in the middle of things
-  std::vector<double> pixel_widths;        // in the middle of the region
+  std::vector<double> pixel_widths;        // at the origin, the middle of the region
   for (const int v : scene.train) {
     const View& view = scene.views[static_cast<size_t>(v)];
     if (view.scale > 1) continue;  // the same photo again
@@ -26,10 +25,10 @@ GridOptions resolved(const GridOptions& options, const Scene& scene, const Photo
   if (pixel_widths.empty()) return o;
   const auto median = pixel_widths.begin() + static_cast<std::ptrdiff_t>(pixel_widths.size() / 2);
   std::nth_element(pixel_widths.begin(), median, pixel_widths.end());
-  const double cells = 2 / (kPixelsPerCell * *median);
+  const double across = 2;  // the region [-1, 1]^3
   o.finest_resolution = static_cast<int>(
-      std::lround(std::clamp(cells, static_cast<double>(o.base_resolution),
-                             std::max<double>(o.base_resolution, GridOptions::kFinestUnbounded))));
+      std::lround(std::clamp(across / *median, static_cast<double>(o.base_resolution),
+                             static_cast<double>(GridOptions::kFinestUnbounded))));
   return o;
 }
 

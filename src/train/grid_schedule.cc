@@ -77,8 +77,6 @@ double GridTrainer::late_saving_seconds() {
   return least[0] < 1e30 ? least[0] - least[1] + colours : 0;
 }
 
-// Seconds of a step's colours where samples share them. The chunks' time goes by the multiply-adds
-// of both networks.
 double GridTrainer::colour_seconds() const {
   if (options.shared_colour <= 0 || options.grid.colour_per_ray) return 0;
   const auto products = [](const std::vector<LinearWeights>& layers) {
@@ -86,6 +84,7 @@ double GridTrainer::colour_seconds() const {
     for (const LinearWeights& w : layers) sum += static_cast<double>(w.in) * w.out;
     return sum;
   };
+  // By the multiply-adds of both networks.
   const double density = products(field.density_layers);
   const double colour = colours_per_sample * products(field.colour_layers);
   return chunk_seconds * colour / (density + colour);

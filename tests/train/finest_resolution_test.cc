@@ -53,8 +53,6 @@ TEST(FinestResolution, StaysWithinItsLimits) {
   for (View& view : near.scene.views) view.pose.translation = view.pose.translation * 1e-3;
   for (Camera& camera : near.photos.cameras) camera.params[0] = camera.params[1] = 1e5;
   EXPECT_EQ(resolved_resolution(options, near), GridOptions::kFinestUnbounded);
-  options.base_resolution = 4096;
-  EXPECT_EQ(resolved_resolution(options, near), 4096);
 }
 
 TEST(FinestResolution, WhatIsGivenStays) {
