@@ -10,6 +10,7 @@
 #include "kernel_bench.h"
 #include "nerf/base/file.h"
 #include "nerf/kernels/bf16.h"
+#include "nerf/kernels/peak.h"
 #include "nerf/kernels/simd.h"
 #include "options_cli.h"
 
@@ -120,7 +121,7 @@ class KernelBench {
                   return c.read(static_cast<uint64_t>(options_.stream_mb) << 20) * 1e-9;
                 });
     for (const uint64_t mb : {1, 8, 64})
-      ceiling_row(fmt::format("random rows of 16 bytes, {} MB", mb), "M rows/s",
+      ceiling_row(fmt::format("random rows of {} bytes, {} MB", kRowBytes, mb), "M rows/s",
                   [=](Ceilings& c) { return c.random_rows(mb << 20) * 1e-6; });
     std::printf("\n");
   }

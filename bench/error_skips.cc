@@ -56,7 +56,7 @@ std::vector<Setting> settings(bool grid) {
     const std::string text = fmt::format("unshaded 1/{}", share);
     all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
   }
-  for (const int share : of_grid({32, 16, 8, 4})) {
+  for (const int share : of_grid({64, 32, 16, 8, 4})) {
     RenderOptions o = off;
     o.shared_colour = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("shared colour 1/{}", share);
@@ -94,6 +94,24 @@ std::vector<Setting> settings(bool grid) {
     const bool is_usual = factor == usual.sample_factor;
     all.push_back({"together, factor", fmt::format("together, factor {}", factor),
                    is_usual ? fmt::format("default, {}", factor) : fmt::format("{}", factor), o});
+  }
+  for (const int most : of_grid({32, 64, 192})) {
+    RenderOptions o;
+    o.max_samples = most;
+    all.push_back({"together, at most", fmt::format("together, at most {}", most),
+                   fmt::format("{}", most), o});
+  }
+  for (const int halves : of_grid({1, 2, 8})) {
+    RenderOptions o;
+    o.uniform_share = static_cast<Real>(halves) / 2;
+    all.push_back({"together, spread", fmt::format("together, spread {}", o.uniform_share),
+                   fmt::format("{}", o.uniform_share), o});
+  }
+  for (const int share : of_grid({64, 16, 8})) {
+    RenderOptions o;
+    o.shared_colour = 1.0_r / static_cast<Real>(share);
+    all.push_back({"together, shared colour", fmt::format("together, shared colour 1/{}", share),
+                   fmt::format("1/{}", share), o});
   }
   return all;
 }

@@ -145,7 +145,7 @@ double Ceilings::random_rows(uint64_t table_bytes) {
   rate = kReads * rate_per_round(pool_, seconds_, [&](int64_t thread, int64_t rounds) {
            const uint32_t salt = static_cast<uint32_t>(mix64(static_cast<uint64_t>(thread)));
            sinks[static_cast<size_t>(thread)].value += random_row_loop(
-               static_cast<int64_t>(bytes / 16), table.data(), kReads * rounds, salt);
+               static_cast<int64_t>(bytes) / kRowBytes, table.data(), kReads * rounds, salt);
          });
   return rate;
 }

@@ -40,8 +40,8 @@ class Ceilings {
   double cached();      // read in order, again and again 16 KB by each thread, bytes/s
   // Read in order, again and again the same array of so many bytes by all threads, bytes/s.
   double read(uint64_t bytes);
-  // Reads of 16 bytes at random places of one table, rows/s; its size is rounded up to a power of
-  // two.
+  // Rows of kRowBytes (peak.h) read at random places of one table, rows/s; its size is rounded up
+  // to a power of two.
   double random_rows(uint64_t table_bytes);
 
  private:

@@ -111,11 +111,6 @@ void GridField::initialise(uint64_t seed) {
       xavier_uniform(w, Random(seed, kNetworkStream, layer++), weights.data());
 }
 
-Vec3 GridField::grid_position(const Vec3& p) const {
-  return unbounded ? contract(p) * 0.25_r + Vec3{0.5_r, 0.5_r, 0.5_r}
-                   : p * 0.5_r + Vec3{0.5_r, 0.5_r, 0.5_r};
-}
-
 Real GridField::grid_scale(const Vec3& p) const {
   if (!unbounded) return 0.5_r;
   const Real r = length(p);

@@ -82,8 +82,8 @@ class TileRenderer {
     SamplerOptions s = field.options.sampler;
     s.min_transmittance = std::min(s.min_transmittance, options.min_transmittance);
     s.samples_per_cell *= options.sample_factor;
-    s.max_samples = static_cast<int>(
-        std::min(static_cast<Real>(s.max_samples) * options.sample_factor, Real{kChunkSamples}));
+    s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
+    s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
     return s;
   }
 

@@ -36,6 +36,15 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
   mass_.resize(segments_.size());
 }
 
+namespace {
+// std::floor() of what fits into an int, without the many steps that older instructions need for
+// it.
+int floor_int(Real x) {
+  const int truncated = static_cast<int>(x);
+  return truncated - (x < static_cast<Real>(truncated));
+}
+}  // namespace
+
 // Traversal of a regular grid (Amanatides and Woo 1987) in two levels: bricks of 4^3 cells, and the
 // cells of the bricks that hold any matter. Borders are found from integers, so errors do not add
 // up.
@@ -60,8 +69,8 @@ struct RaySampler::Traversal {
     for (int i = 0; i < 3; ++i) {
       if (i == axis || step[i] == 0) continue;
       const Real p = origin[i] + direction[i] * t;
-      int slot = std::clamp(static_cast<int>(std::floor(p / w)) + half, std::min(at[i], last[i]),
-                            std::max(at[i], last[i]));
+      int slot =
+          std::clamp(floor_int(p / w) + half, std::min(at[i], last[i]), std::max(at[i], last[i]));
       while (slot != at[i] && border(i, slot - step[i], half, w) > t) slot -= step[i];
       while (slot != last[i] && border(i, slot, half, w) <= t) slot += step[i];
       at[i] = slot;
@@ -126,7 +135,7 @@ Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
   Real next[3];
   for (int i = 0; i < 3; ++i) {
     const Real p = v.origin[i] + v.direction[i] * t;
-    at[i] = std::clamp(static_cast<int>(std::floor(p / width)) + half, 0, bricks - 1);
+    at[i] = std::clamp(floor_int(p / width) + half, 0, bricks - 1);
     next[i] = v.border(i, at[i], half, width);
   }
   const auto in_finer = [&] {
@@ -199,7 +208,7 @@ void RaySampler::march_brick(Traversal& v, int c, const Passage& passage) {
   for (int i = 0; i < 3; ++i) {
     const Real p = v.origin[i] + v.direction[i] * t;
     const int first = passage.at[i] * 4;
-    at[i] = std::clamp(static_cast<int>(std::floor(p * scale)) + half, first, first + 3);
+    at[i] = std::clamp(floor_int(p * scale) + half, first, first + 3);
     next[i] = v.border(i, at[i], half, width);
   }
   for (;;) {
@@ -255,39 +264,41 @@ int RaySampler::choose_count(bool follow_cache) {
 }
 
 int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySamples& out) {
-  out.t.clear();
-  out.delta.clear();
   march(ray, follow_cache ? options_.min_transmittance : 0);
-  if (segment_count_ == 0) return 0;
-  const int count = choose_count(follow_cache);
+  const int count = segment_count_ == 0 ? 0 : choose_count(follow_cache);
+  out.t.resize(static_cast<size_t>(count));
+  out.delta.resize(static_cast<size_t>(count));
+  if (count == 0) return 0;
   // Inverse of the distribution at the borders k / count of equal mass (interval lengths) and at
   // one place inside each (positions), in one walk over the segments.
-  size_t s = 0;
-  Real below = 0;   // mass of the segments before s
+  const Segment* segment = segments_.data();
+  const Segment* const last = segment + segment_count_ - 1;
+  const Real* mass = mass_.data();
+  Real below = 0;   // mass of the segments before this one
   Real matter = 0;  // their length
   const auto advance = [&](Real target, Real& length) {
-    while (s + 1 < static_cast<size_t>(segment_count_) && below + mass_[s] < target) {
-      below += mass_[s];
-      matter += segments_[s].t1 - segments_[s].t0;
-      ++s;
+    for (; segment < last && below + *mass < target; ++segment, ++mass) {
+      below += *mass;
+      matter += segment->t1 - segment->t0;
     }
-    const Real width = segments_[s].t1 - segments_[s].t0;
+    const Real width = segment->t1 - segment->t0;
     const Real rest = target - below;
-    const Real f = rest >= mass_[s] ? 1.0_r : std::max(rest / mass_[s], 0.0_r);
+    const Real f = rest >= *mass ? 1.0_r : std::max(rest / *mass, 0.0_r);
     length = matter + f * width;
-    return segments_[s].t0 + f * width;
+    return segment->t0 + f * width;
   };
+  Real* const t = out.t.data();
+  Real* const delta = out.delta.data();
   Real from = 0;
   const Real unit = total_mass_ / static_cast<Real>(count);
   for (int k = 0; k < count; ++k) {
     const Real inside = random ? random->uniform() : 0.5_r;
     Real length = 0;
-    const Real t = advance((static_cast<Real>(k) + inside) * unit, length);
+    t[k] = advance((static_cast<Real>(k) + inside) * unit, length);
     Real to = 0;
     // The last border is the end of all matter, whatever the sum of masses was rounded to.
     advance(k + 1 < count ? static_cast<Real>(k + 1) * unit : Traversal::kNever, to);
-    out.t.push_back(t);
-    out.delta.push_back(std::max(to - from, 0.0_r));
+    delta[k] = std::max(to - from, 0.0_r);
     from = to;
   }
   return count;

@@ -171,9 +171,11 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   }
   EXPECT_TRUE(differ("cache, factor 4", off));
   EXPECT_TRUE(differ("cache, factor 0.5", "cache, factor 4"));
-  EXPECT_TRUE(differ("cache, stop 1e-3", "cache, factor 1.25"));
+  EXPECT_TRUE(differ("cache, stop 1e-3", "cache, factor 1"));
   EXPECT_TRUE(differ("together, factor 1.5", "cache, factor 1.5"));
   EXPECT_TRUE(differ("together, factor 0.5", "together, factor 2"));
+  EXPECT_TRUE(differ("together, spread 0.5", "together, spread 4"));
+  EXPECT_TRUE(differ("together, shared colour 1/8", "together, shared colour 1/64"));
   for (const auto& [name, row] : skips) {
     EXPECT_LT(std::stod(row.at("rms_difference")), 0.1) << name;
     // Of one view the worst is the mean.

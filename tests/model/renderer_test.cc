@@ -148,6 +148,16 @@ TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   RenderOptions few = cache;
   few.sample_factor = 0.5_r;
   EXPECT_LT(work(few).density_evaluations, cached.density_evaluations);
+
+  // Light comes from the first cells of a ray alone: samples spread over all of them are more.
+  RenderOptions many = cache;
+  many.sample_factor = 100;
+  const int64_t capped = work(many).density_evaluations;
+  many.max_samples = 2 * many.max_samples;
+  EXPECT_GT(work(many).density_evaluations, capped);
+  RenderOptions spread = cache;
+  spread.uniform_share = 0;
+  EXPECT_LT(work(spread).density_evaluations, cached.density_evaluations);
 }
 
 // Density 1 per engine unit is `scale` per input unit, whatever the direction; sigmoid(0) is a

@@ -121,7 +121,13 @@ TEST(StressRender, OptionsAtTheirLimits) {
   };
   const Frame plain = picture({});
   for (Real factor : {0.0_r, 1e-30_r, 1e3_r, 1e30_r, std::numeric_limits<Real>::infinity()})
-    picture(with(&RenderOptions::sample_factor, factor));
+    for (const auto option : {&RenderOptions::sample_factor, &RenderOptions::uniform_share})
+      picture(with(option, factor));
+  for (int most : {std::numeric_limits<int>::min(), 0, 1, std::numeric_limits<int>::max()}) {
+    RenderOptions options;
+    options.max_samples = most;
+    picture(options);
+  }
   for (Real stop : {0.0_r, 1e-45_r, 1e-30_r, 0.5_r, 1.0_r})
     picture(with(&RenderOptions::min_transmittance, stop));
   for (Real left : {0.0_r, 1e-45_r, 0.5_r, 1.0_r, 1e30_r})

@@ -20,10 +20,11 @@ int64_t bf16_loop(int64_t rounds, Real* sink);
 inline constexpr int64_t kReadUnit = 128;
 Real read_loop(int64_t n, const Real* x);
 
-// Sum over `reads` rows of 4 floats at random places of a table, the places found as a hash grid
+// Sum over `reads` rows of 4 values at random places of a table, the places found as a hash grid
 // finds them: a hash of a counter. `rows` is a power of two up to 2^32, `reads` a multiple of
-// kRowUnit, the table aligned to 16 bytes. Another `salt` reads other rows.
+// kRowUnit, the table aligned to a row. Another `salt` reads other rows.
 inline constexpr int64_t kRowUnit = 64;
+inline constexpr int64_t kRowBytes = 4 * sizeof(Real);
 Real random_row_loop(int64_t rows, const Real* table, int64_t reads, uint32_t salt);
 
 }  // namespace nerf

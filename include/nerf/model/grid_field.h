@@ -17,6 +17,7 @@
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/math/cone_points.h"
+#include "nerf/math/contraction.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
 
@@ -118,7 +119,10 @@ struct GridField {
 
   // Position of p (engine coordinates) on the hash grid, [0, 1]^3: the box [-1, 1]^3, or contracted
   // space's [-2, 2]^3 where the scene is unbounded.
-  Vec3 grid_position(const Vec3& p) const;
+  Vec3 grid_position(const Vec3& p) const {
+    constexpr Vec3 kMiddle{0.5_r, 0.5_r, 0.5_r};
+    return unbounded ? contract(p) * 0.25_r + kMiddle : p * 0.5_r + kMiddle;
+  }
   // How long something of unit length at p is there: the cube root of the volume's change.
   Real grid_scale(const Vec3& p) const;
 };

@@ -23,7 +23,7 @@ inline constexpr int kMostSupersampling = 8;
 struct RenderOptions {
   Vec3 background{1, 1, 1};         // sRGB; seen where alpha < 1
   bool unclipped = false;           // true samples every occupied cell, whatever is cached of it,
-                                    // without min_transmittance and sample_factor
+                                    // without min_transmittance and what counts samples
   std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
   Real min_transmittance = 1e-6_r;  // a ray stops where the cached density lets less through
   // These three of the grid method. A ray also ends where the network's own densities let less
@@ -32,13 +32,18 @@ struct RenderOptions {
   Real unshaded = 1.0_r / 1024;  // share of a pixel's light whose colour may be left out
   // Share of a pixel's light that successive samples of its ray may have together to be given one
   // colour, that of the mean of their features by weight; 0: every sample has its own.
-  Real shared_colour = 1.0_r / 8;
+  Real shared_colour = 1.0_r / 32;
   Precision precision = Precision::kAuto;  // of the networks' products
   // Rays along a pixel's side, averaged; 0: with the grid method so many that none is wider than
   // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
   // methods.
   int supersample = 0;
-  Real sample_factor = 1.25_r;  // network samples of a ray, against those of the last steps
+  // Network samples of a ray of the grid method: how many against the last steps of training, how
+  // many at most (training's, if those are more; never above kChunkSamples), and the weight of
+  // those spread over all matter, which takes the place of SamplerOptions::uniform_share.
+  Real sample_factor = 1;
+  int max_samples = 96;
+  Real uniform_share = 3;
 
   // Turns off all of the above that leaves work out.
   void skip_nothing() {
