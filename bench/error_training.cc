@@ -144,6 +144,8 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"8 levels", {"--grid-levels", "8"}},
       {"finest cells 1/2048", {"--grid-finest-resolution", "2048"}},
       {"weight decay", {"--network-l2", "1e-6"}},
+      {"long memory", {"--beta1", "0.9", "--beta2", "0.99"}},
+      {"short memory to the end", {"--final-beta1", "0.8", "--final-beta2", "0.95"}},
       {"one hidden colour layer", {"--grid-colour-layers", "1"}},
       {"a colour for each sample", {"--shared-colour", "0"}},
       {"colour once per ray", {"--grid-colour-per-ray"}},

@@ -162,11 +162,12 @@ void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* tou
 
 void bias_corrections(const AdamStep& options, float* correction) {
   correction[0] = correction[1] = 1;
+  double power1 = 1, power2 = 1;
   for (int t = 1; t < kBiasCorrections; ++t) {
-    correction[2 * t] =
-        static_cast<float>(1 / (1 - std::pow(static_cast<double>(options.beta1), t)));
-    correction[2 * t + 1] =
-        static_cast<float>(1 / std::sqrt(1 - std::pow(static_cast<double>(options.beta2), t)));
+    power1 *= static_cast<double>(options.beta1);
+    power2 *= static_cast<double>(options.beta2);
+    correction[2 * t] = static_cast<float>(1 / (1 - power1));
+    correction[2 * t + 1] = static_cast<float>(1 / std::sqrt(1 - power2));
   }
 }
 }  // namespace nerf

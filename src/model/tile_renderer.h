@@ -12,6 +12,7 @@
 #include "nerf/kernels/elementwise.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/renderer.h"
+#include "nerf/parts/beam.h"
 #include "nerf/parts/ray_sampler.h"
 
 namespace nerf::internal {
@@ -63,8 +64,15 @@ class TileRenderer {
     rays_.clear();
     t_.clear();
     delta_.clear();
-    for (int y = y0; y < y1; ++y)
-      for (int x = x0; x < x1; ++x) march(x, y);
+    aim(x0, y0, x1, y1);
+    const double tile_clear = clear_distance(x0, y0, x1, y1, near_);
+    for (int v = y0; v < y1; v += kBlock)
+      for (int u = x0; u < x1; u += kBlock) {
+        const int v1 = std::min(v + kBlock, y1), u1 = std::min(u + kBlock, x1);
+        const double clear = clear_distance(u, v, u1, v1, tile_clear);
+        for (int y = v; y < v1; ++y)
+          for (int x = u; x < u1; ++x) march(x, y, clear);
+      }
     ask();
     shade();
     // Sums of many colours may end a few roundings above the brightest.
@@ -92,21 +100,57 @@ class TileRenderer {
     return !box_ || box_->clip(ray.origin, ray.direction, ray.near, ray.far);
   }
 
-  // Places the samples of a pixel's ray.
-  void march(int x, int y) {
+  // Finds the directions of a tile's rays.
+  void aim(int x0, int y0, int x1, int y1) {
+    tile_x_ = x0;
+    tile_y_ = y0;
+    tile_width_ = x1 - x0;
+    directions_.clear();
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x) {
+        const auto direction = unproject(camera_, {x + 0.5, y + 0.5});
+        directions_.push_back(direction ? normalized(*direction) : Vec3d());
+      }
+  }
+
+  // In camera coordinates, of unit length; zero where the lens sees nothing.
+  const Vec3d& direction_of(int x, int y) const {
+    return directions_[static_cast<size_t>((y - tile_y_) * tile_width_ + x - tile_x_)];
+  }
+
+  // A distance before which none of these pixels' rays meets matter, at least `near`.
+  double clear_distance(int x0, int y0, int x1, int y1, double near) const {
+    if (options_.unclipped) return 0;
+    const auto each = [&](const auto& body) {
+      for (int y = y0; y < y1; ++y)
+        for (int x = x0; x < x1; ++x)
+          if (const Vec3d& d = direction_of(x, y); d != Vec3d()) body(d);
+    };
+    Vec3d sum;
+    each([&](const Vec3d& d) { sum = sum + d; });
+    const Vec3d axis = normalized(sum);
+    double spread = 0;
+    each([&](const Vec3d& d) { spread = std::max(spread, dot(d - axis, d - axis)); });
+    return clear_until(field_.occupancy,
+                       {pose_.translation, pose_.rotation * axis, std::sqrt(spread), near});
+  }
+
+  // Places the samples of a pixel's ray, which meets no matter before `clear`.
+  void march(int x, int y, double clear) {
     TileRay ray;
     ray.pixel = y * camera_.width + x;
-    const auto direction = unproject(camera_, {x + 0.5, y + 0.5});
-    if (!direction) return finish(ray);
-    const Vec3d in_camera = normalized(*direction);
+    const Vec3d& in_camera = direction_of(x, y);
+    if (in_camera == Vec3d()) return finish(ray);
     Ray line;
     line.origin = pose_.translation;
     line.direction = pose_.rotation * in_camera;
     line.near = near_;
+    line.clear = clear;
     if (!inside_box(line)) return finish(ray);
+    ++statistics_.rays;
+    if (std::isinf(clear)) return finish(ray);
     const int count = options_.unclipped ? sampler_.sample_all(line, 4, samples_)
                                          : sampler_.sample(line, nullptr, true, samples_);
-    ++statistics_.rays;
     statistics_.segments += static_cast<int64_t>(sampler_.segments().size());
     if (count == 0) return finish(ray);
     ray.entry = sampler_.entry();
@@ -305,6 +349,10 @@ class TileRenderer {
   RaySamples samples_;
   AlignedArray<Real> x_, y_, z_, spread_;  // [GridOptions::cone_points][kChunkSamples]
   AlignedArray<Real> alphas_{kChunkSamples};
+  static constexpr int kBlock = 8;  // pixels along the side of a part of a tile
+  // Of the tile: where it is, its rays' directions row by row.
+  int tile_x_ = 0, tile_y_ = 0, tile_width_ = 0;
+  std::vector<Vec3d> directions_;
   // Of the tile: rays that meet matter, their samples one ray after the other.
   std::vector<TileRay> rays_;
   std::vector<Real> t_, delta_;

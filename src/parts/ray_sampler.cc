@@ -114,8 +114,9 @@ void RaySampler::march(const Ray& ray, Real min_transmittance) {
   // Nudged across the border that the ray, or the last stretch of it, starts on. One that enters
   // along the grid's upper border is inside, wherever rounding has put it.
   constexpr Real kNudge = 1e-6_r;
-  int c = std::min(grid_.cascade_of(v.origin + v.direction * kNudge), grid_.cascades() - 1);
-  Real t = 0;
+  Real t = static_cast<Real>(std::clamp(ray.clear - t0, 0.0, t1 - t0));
+  const Vec3 begin = v.origin + v.direction * (t + kNudge * (1 + t));
+  int c = std::min(grid_.cascade_of(begin), grid_.cascades() - 1);
   while (t < v.end && v.depth < v.stop && c < grid_.cascades())
     t = march_cascade(v, c, t + kNudge * (1 + t));
 }

@@ -22,6 +22,13 @@ Real GridTrainer::rate_at(int64_t step) const {
                            std::lerp(1.0, options.final_rate, progress_at(step)));
 }
 
+AdamStep GridTrainer::adam_at(int64_t step) const {
+  const double progress = progress_at(step);
+  return {.rate = rate_at(step),
+          .beta1 = static_cast<Real>(std::lerp(options.beta1, options.final_beta1, progress)),
+          .beta2 = static_cast<Real>(std::lerp(options.beta2, options.final_beta2, progress))};
+}
+
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
   return samples_per_cell_at(step, options.steps);
 }

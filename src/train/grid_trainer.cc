@@ -56,7 +56,6 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   ray_errors.resize(batch.tile.size());
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
-  bias_corrections(AdamStep(), corrections.data());
   initialise();
   for (const auto& chunk : workers) chunk->packs = &packs;
 }
@@ -133,9 +132,9 @@ StepReport GridTrainer::step() {
   report.rays = batch.rays_considered;
   report.samples = batch.total_samples;
   report.rate = rate_at(done);
-  update_networks(rate_at(done));
+  update_networks();
   lap.into(profile.update);
-  update_table(levels_on, rate_at(done));
+  update_table(levels_on);
   lap.into(profile.scatter);
 
   const double seen = static_cast<double>(batch.total_samples) /
@@ -223,7 +222,7 @@ void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
   }
 }
 
-void GridTrainer::update_networks(Real rate) {
+void GridTrainer::update_networks() {
   const size_t n = field.weights.size();
   Real* gradient = optimiser.network_gradient.data();
   std::fill_n(gradient, n, 0.0_r);
@@ -231,20 +230,20 @@ void GridTrainer::update_networks(Real rate) {
     for (size_t i = 0; i < n; ++i) gradient[i] += a[i];
   check_gradient();
 
-  AdamStep adam;
-  adam.rate = rate * static_cast<Real>(options.network_rate);
+  AdamStep adam = adam_at(done);
+  adam.rate *= static_cast<Real>(options.network_rate);
   adam.l2 = static_cast<Real>(options.network_l2);
   adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
              optimiser.network_v.data(), field.weights.data());
   pack();
 }
 
-void GridTrainer::update_table(int64_t levels_on, Real rate) {
+void GridTrainer::update_table(int64_t levels_on) {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
+  const AdamStep step = adam_at(done);
+  bias_corrections(step, corrections.data());
   const auto adam = [&](uint64_t row, uint64_t rows) {
-    AdamStep step;
-    step.rate = rate;
     const int features = field.shape.features_per_entry();
     const uint64_t at = row * static_cast<uint64_t>(features);
     adam_rows(step, features, static_cast<int64_t>(rows), optimiser.touched.data() + row,

@@ -44,6 +44,7 @@ struct GridTrainer final : TrainerImpl {
                   const internal::JsonFields& scalars) override;
 
   Real rate_at(int64_t step) const;
+  AdamStep adam_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step, int64_t steps) const;  // of a plan of so many
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
@@ -58,10 +59,10 @@ struct GridTrainer final : TrainerImpl {
   void observe_errors();
   // Mean squared error over the photos' pixels, from the step's rays.
   double mean_squared_error() const;
-  void update_networks(Real rate);
+  void update_networks();
   void check_gradient() const;  // of the networks, reduced
   // The table's gradient and its optimiser; what the step has seen of occupancy and errors besides.
-  void update_table(int64_t levels_on, Real rate);
+  void update_table(int64_t levels_on);
   void refresh_occupancy();
   void initialise();
 

@@ -78,6 +78,10 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.huber_delta = 0.05; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.network_l2 = 1e-3; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.network_rate = 0.5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.beta1 = 0.9; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.beta2 = 0.99; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.final_beta1 = 0.8; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.final_beta2 = 0.95; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.final_rate = 0.5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.warmup_steps = 8; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.hold = 0.5; }));

@@ -18,6 +18,7 @@ struct Ray {
   Vec3d origin;
   Vec3d direction;
   double near = 0, far = 1e30;  // samples only in between
+  double clear = 0;             // the caller knows of no matter before it (clear_until() of a beam)
 };
 
 // Narrows [t0, t1] to the ray's passage through a box; false where it misses.

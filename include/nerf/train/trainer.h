@@ -52,6 +52,10 @@ struct TrainOptions {
   double final_rate = 0.02;                // of the last step, as a share of `rate`
   int warmup_steps = 64;                   // over which the rate rises
   double hold = 0.1;  // share of the steps before the rate begins to fall, linearly
+  // Adam's, of the first steps and of the last: a row of the tables counts the steps that touch it,
+  // which may be few, so that at first a longer memory is older than the field.
+  double beta1 = 0.8, beta2 = 0.95;
+  double final_beta1 = 0.9, final_beta2 = 0.99;
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
   double network_l2 = 0;
@@ -90,6 +94,16 @@ struct TrainOptions {
       "number "
       "of steps within it",
       at_least(0), at_most(0.9));
+    v("beta1", beta1, "Adam's decay of the gradient at first (grid; 0.9 with the paper methods)",
+      at_least(0), at_most(0.999));
+    v("final_beta1", final_beta1,
+      "Adam's decay of the gradient at last; between, its distance from 1 falls linearly (grid)",
+      at_least(0), at_most(0.999));
+    v("beta2", beta2,
+      "Adam's decay of the squared gradient at first (grid; --recipe-beta2 of the paper methods)",
+      at_least(0), at_most(0.999));
+    v("final_beta2", final_beta2, "Adam's decay of the squared gradient at last, likewise (grid)",
+      at_least(0), at_most(0.999));
     v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
     v("distortion", distortion,
       "weight of the loss that draws the light of a ray together; without it 0.02 where the scene "
