@@ -44,6 +44,8 @@ struct GridTrainer final : TrainerImpl {
                   const internal::JsonFields& scalars) override;
 
   Real rate_at(int64_t step) const;
+  // Moments are corrected as if its betas had always been what they are by then: rows that were
+  // touched a few times take somewhat smaller steps.
   AdamStep adam_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step, int64_t steps) const;  // of a plan of so many
