@@ -159,16 +159,5 @@ void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* tou
   HWY_DYNAMIC_DISPATCH(sparse)
   (options, features, rows, touched, gradient, m, v, steps, weights, correction);
 }
-
-void bias_corrections(const AdamStep& options, float* correction) {
-  correction[0] = correction[1] = 1;
-  double power1 = 1, power2 = 1;
-  for (int t = 1; t < kBiasCorrections; ++t) {
-    power1 *= static_cast<double>(options.beta1);
-    power2 *= static_cast<double>(options.beta2);
-    correction[2 * t] = static_cast<float>(1 / (1 - power1));
-    correction[2 * t + 1] = static_cast<float>(1 / std::sqrt(1 - power2));
-  }
-}
 }  // namespace nerf
 #endif

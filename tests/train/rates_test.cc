@@ -7,6 +7,7 @@
 #include "nerf/train/methods.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
+#include "train/grid_trainer.h"
 
 namespace nerf {
 namespace {
@@ -45,6 +46,35 @@ TEST_P(Rates, TinyStepsChangeNothing) {
   };
   const auto one = picture_after(1), many = picture_after(12);
   for (size_t i = 0; i < one.size(); ++i) ASSERT_NEAR(one[i], many[i], 1e-6) << i;
+}
+
+// The step size rises, stands until a fifth of the steps and falls linearly; Adam's memory grows
+// while it falls.
+TEST(GridSchedule, StepSizeFallsAndMemoryGrows) {
+  const auto c = test::sphere_capture(6, 16);
+  ThreadPool pool(1);
+  TrainOptions o = test::tiny_options(1000);
+  o.rate = 0.5;
+  o.warmup_steps = 10;
+  o.hold = 0.2;
+  o.final_rate = 0.1;
+  o.beta1 = 0.5;
+  o.final_beta1 = 0.9;
+  o.beta2 = 0.75;
+  o.final_beta2 = 0.25;
+  const GridTrainer trainer(c.scene, c.photos, o, pool);
+  const struct {
+    int64_t step;
+    double rate, beta1, beta2;
+  } wanted[] = {{0, 0.05, 0.5, 0.75},   {9, 0.5, 0.5, 0.75},     {200, 0.5, 0.5, 0.75},
+                {600, 0.275, 0.7, 0.5}, {1000, 0.05, 0.9, 0.25}, {2000, 0.05, 0.9, 0.25}};
+  for (const auto& w : wanted) {
+    const AdamStep adam = trainer.adam_at(w.step);
+    EXPECT_FLOAT_EQ(adam.rate, static_cast<Real>(w.rate)) << w.step;
+    EXPECT_FLOAT_EQ(adam.beta1, static_cast<Real>(w.beta1)) << w.step;
+    EXPECT_FLOAT_EQ(adam.beta2, static_cast<Real>(w.beta2)) << w.step;
+    EXPECT_EQ(adam.epsilon, AdamStep().epsilon);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, Rates, ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"),

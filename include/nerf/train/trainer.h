@@ -97,7 +97,7 @@ struct TrainOptions {
     v("beta1", beta1, "Adam's decay of the gradient at first (grid; 0.9 with the paper methods)",
       at_least(0), at_most(0.999));
     v("final_beta1", final_beta1,
-      "Adam's decay of the gradient at last; between, its distance from 1 falls linearly (grid)",
+      "Adam's decay of the gradient at last; it changes linearly while the step size falls (grid)",
       at_least(0), at_most(0.999));
     v("beta2", beta2,
       "Adam's decay of the squared gradient at first (grid; --recipe-beta2 of the paper methods)",

@@ -42,12 +42,4 @@ void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* tou
   }
 }
 
-void bias_corrections(const AdamStep& options, Real* correction) {
-  correction[0] = correction[1] = 1;
-  for (int t = 1; t < kBiasCorrections; ++t) {
-    correction[2 * t] = 1 / (1 - std::pow(options.beta1, t));
-    correction[2 * t + 1] = 1 / std::sqrt(1 - std::pow(options.beta2, t));
-  }
-}
-
 }  // namespace nerf
