@@ -125,6 +125,7 @@ void MetricsFile::add_step(const RunProgress& p) {
                    {"rays", p.report.rays},
                    {"samples", p.report.samples},
                    {"colours", p.report.colours},
+                   {"learning", p.report.learning},
                    {"samples_per_second", p.samples_per_second}}));
 }
 

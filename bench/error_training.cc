@@ -149,6 +149,8 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"one hidden colour layer", {"--grid-colour-layers", "1"}},
       {"a colour for each sample", {"--shared-colour", "0"}},
       {"colour once per ray", {"--grid-colour-per-ray"}},
+      {"every gradient goes back", {"--gradient-roulette", "0"}},
+      {"fewer gradients go back", {"--gradient-roulette", "4"}},
       {"hidden samples learn", {"--stop-transmittance", "0"}},
       {"fine levels late", {"--late-levels", "0.5"}},
       {"coarse photos first", {"--coarse-photos", "0.2"}},

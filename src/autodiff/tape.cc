@@ -61,6 +61,10 @@ Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()) {
   groups.share.resize(samples);
   groups.per_light.resize(samples);
   groups.of_rays.resize(static_cast<size_t>(t.capacity(Domain::kRays)) + 1);
+  roulette.ray_begin.resize(groups.of_rays.size());
+  roulette.kept.resize(samples);
+  roulette.norms.resize(samples);
+  roulette.factor.resize(samples);
 }
 
 Real* Chunk::data(Value v) { return arena.data() + tape->values_[static_cast<size_t>(v)].data; }

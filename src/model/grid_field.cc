@@ -126,6 +126,7 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
   background = tape.input(3, Domain::kRays);
 
   geometry = mlp(tape, features, field.density_layers);
+  if (training && losses.roulette) roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
   const auto colour_of = [&](Value geometry_features, Domain domain) {

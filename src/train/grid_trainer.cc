@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "nerf/kernels/roulette.h"
 #include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
 #include "train/lap.h"
@@ -41,7 +42,8 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       optimiser(field),
       tape(field, /*training=*/true,
            {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0,
-            static_cast<Real>(o.shared_colour), static_cast<Real>(o.stop_transmittance)}),
+            static_cast<Real>(o.shared_colour), static_cast<Real>(o.stop_transmittance),
+            static_cast<Real>(o.gradient_roulette)}),
       errors(p, s.train, static_cast<Real>(o.error_guidance)),
       maker(source, errors, field, distortion > 0, t),
       batch(std::max(1, o.batch_samples / kChunkSamples), o.grid.cone_points) {
@@ -53,6 +55,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
   chunk_colours.resize(chunk_loss.size());
+  chunk_kept.resize(chunk_loss.size());
   ray_errors.resize(batch.tile.size());
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
@@ -124,6 +127,7 @@ StepReport GridTrainer::step() {
     report.loss += chunk_loss[static_cast<size_t>(c)];
     report.opacity += chunk_opacity[static_cast<size_t>(c)];
     report.colours += chunk_colours[static_cast<size_t>(c)];
+    report.learning += chunk_kept[static_cast<size_t>(c)];
   }
   const double squared_error = mean_squared_error();
   check_loss(report.loss + squared_error);
@@ -174,6 +178,9 @@ void GridTrainer::run_chunks() {
       chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
       chunk.loss = 0;
       const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(Real);
+      Random random(options.seed ^ salt, static_cast<uint64_t>(done),
+                    (uint64_t{1} << 61) + static_cast<uint64_t>(c));  // no ray has this number
+      chunk.roulette.offset = static_cast<double>(random.uniform());
       std::memcpy(chunk.data(tape.features), features.data() + c * rows * ld, bytes);
       std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(Real));
       const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
@@ -183,12 +190,12 @@ void GridTrainer::run_chunks() {
       for (int r = 0; r < chunk.rays; ++r)
         chunk.data(tape.scale)[r] = scale * batch.weight[i * kChunkRays + static_cast<size_t>(r)];
       tape.tape.forward(chunk);
+      chunk_colours[i] = chunk.count(tape.colour);
       if (distortion > 0) add_distortion(chunk, c * ld);
       tape.tape.backward(chunk);
-      std::memcpy(d_features.data() + c * rows * ld, chunk.gradient(tape.features), bytes);
+      keep_samples(c, chunk);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
       chunk_loss[i] = chunk.loss;
-      chunk_colours[i] = chunk.count(tape.colour);
       const int64_t lr = chunk.stride(tape.image.pixel);
       const Real* pixel = chunk.data(tape.image.pixel);
       const Real* target = chunk.data(tape.target);
@@ -204,6 +211,20 @@ void GridTrainer::run_chunks() {
       chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
     }
   });
+}
+
+// Of the samples that the backward pass went on with, what their lookups need to learn.
+void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
+  const int64_t ld = kChunkSamples, rows = field.shape.features();
+  const int64_t count = chunk.samples, padded = round_up(count, kLane);
+  chunk_kept[static_cast<size_t>(c)] = count;
+  const Real* from = chunk.gradient(tape.features);
+  Real* to = d_features.data() + c * rows * ld;
+  for (int64_t k = 0; k < rows; ++k)
+    std::copy_n(from + k * chunk.stride(tape.features), padded, to + k * ld);
+  for (auto* points : {&batch.x, &batch.y, &batch.z, &batch.spread})
+    keep_columns(batch.points, chunk.roulette.kept.data(), count,
+                 points->data() + c * batch.points * ld, ld);
 }
 
 // A mean over rays: their scale is that of a mean over three channels too.
@@ -263,7 +284,7 @@ void GridTrainer::update_table(int64_t levels_on) {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     for (int64_t c = 0; c < batch.chunks; ++c)
       encode_level_backward(
-          field, static_cast<size_t>(l), points_of(c), batch.samples[static_cast<size_t>(c)],
+          field, static_cast<size_t>(l), points_of(c), chunk_kept[static_cast<size_t>(c)],
           d_features.data() + (c * levels + l) * level.features * ld, ld,
           optimiser.table_gradient.data() + level.begin(), optimiser.touched.data() + level.offset);
     if (at_once) adam(level.offset, level.entries);

@@ -57,6 +57,7 @@ struct GridTrainer final : TrainerImpl {
   void pack();  // after every change of the networks' weights
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
+  void keep_samples(int64_t c, Chunk& chunk);
   void observe_samples();
   void observe_errors();
   // Mean squared error over the photos' pixels, from the step's rays.
@@ -83,6 +84,7 @@ struct GridTrainer final : TrainerImpl {
   AlignedArray<Real> densities;             // [chunk][kChunkSamples]
   std::vector<AlignedArray<Real>> accumulators;
   std::vector<int64_t> chunk_colours;  // evaluations of the colour network
+  std::vector<int64_t> chunk_kept;     // samples that learn, see keep_samples()
   std::vector<Real> ray_errors;        // squared, summed over channels; [chunk][kChunkRays]
   std::vector<double> chunk_loss, chunk_opacity;
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -66,10 +67,11 @@ void expect_finite_gradients(const Sizes& size, int rays, Real target, const Gri
     const Real density = chunk.data(tape.density)[s];
     // The largest is exp(kMaxLogDensity), a unit in the last place more or less.
     ASSERT_TRUE(density >= 0 && density <= std::exp(kMaxLogDensity) * 1.000001_r) << density;
+  }
+  for (int s = 0; s < chunk.samples; ++s)
     for (int f = 0; f < tape.tape.rows(tape.features); ++f)
       ASSERT_TRUE(std::isfinite(chunk.gradient(tape.features)[f * ls + s]))
           << "feature " << f << " sample " << s;
-  }
   for (int64_t i = 0; i < chunk.count(tape.colour); ++i)
     for (int k = 0; k < 3; ++k) {
       const Real c = chunk.data(tape.colour)[k * chunk.stride(tape.colour) + i];
@@ -99,14 +101,17 @@ TEST(StressField, GradientsStayFinite) {
     for (const Sizes& size : kSizes)
       for (int rays : {1, 7, 240})
         for (Real target : {0.0_r, 1.0_r})
-          for (Real shared : {0.0_r, 0.125_r}) {
-            SCOPED_TRACE("features " + std::to_string(size.features) + " weights " +
-                         std::to_string(size.weights) + " rays " + std::to_string(rays) +
-                         " shared " + std::to_string(shared));
-            expect_finite_gradients(
-                size, rays, target,
-                {.shared_colour = shared, .stop_transmittance = shared > 0 ? 1e-3_r : 0});
-          }
+          for (Real shared : {0.0_r, 0.125_r})
+            for (const std::optional<Real> roulette : {std::optional<Real>{}, {0.0_r}, {1.0_r}}) {
+              SCOPED_TRACE("features " + std::to_string(size.features) + " weights " +
+                           std::to_string(size.weights) + " rays " + std::to_string(rays) +
+                           " shared " + std::to_string(shared) + " roulette " +
+                           std::to_string(roulette.value_or(-1)));
+              expect_finite_gradients(size, rays, target,
+                                      {.shared_colour = shared,
+                                       .stop_transmittance = shared > 0 ? 1e-3_r : 0,
+                                       .roulette = roulette});
+            }
   });
 }
 

@@ -13,7 +13,7 @@ namespace nerf {
 namespace {
 
 struct Work {
-  int64_t rays = 0, samples = 0, colours = 0;
+  int64_t rays = 0, samples = 0, colours = 0, learning = 0;
   std::vector<uint8_t> bits;
 };
 
@@ -27,6 +27,7 @@ Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOpti
     work.rays += r.rays;
     work.samples += r.samples;
     work.colours += r.colours;
+    work.learning += r.learning;
     return true;
   });
   work.bits = test::bits_of(trainer);
@@ -65,6 +66,25 @@ TEST(GridSwitches, SaveColours) {
   EXPECT_LT(colours_of([](TrainOptions& o) { o.grid.colour_per_ray = true; }), share);
 }
 
+TEST(GridSwitches, SaveGradients) {
+  const auto c = test::sphere_capture(8, 32);
+  const auto learning = [&](const std::function<void(TrainOptions&)>& change) {
+    const Work w = work_of(c, change);
+    return static_cast<double>(w.learning) / static_cast<double>(w.samples);
+  };
+  const double usual = learning([](TrainOptions&) {});
+  EXPECT_GT(usual, 0);
+  const double all = learning([](TrainOptions& o) { o.gradient_roulette = 0; });
+  EXPECT_LE(all, 1);
+  EXPECT_GT(all, 1.2 * usual);
+  EXPECT_LT(learning([](TrainOptions& o) { o.gradient_roulette = 4; }), 0.8 * usual);
+  EXPECT_LT(learning([](TrainOptions& o) {
+              o.gradient_roulette = 0;
+              o.stop_transmittance = 0.3;
+            }),
+            all);
+}
+
 TEST(GridSwitches, ChangeWhatIsLearnt) {
   const auto c = test::sphere_capture(8, 32);
   const Work usual = work_of(c, [](TrainOptions&) {});
@@ -94,6 +114,7 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.colour_per_ray = true; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.shared_colour = 0; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.stop_transmittance = 0.1; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.gradient_roulette = 0; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.late_levels = 0.5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.coarse_photos = 0.5; }));
 }

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "nerf/autodiff/operations.h"
@@ -137,7 +138,8 @@ struct GridLosses {
   bool on_weights = false;  // the caller adds gradients to the weights along the rays
   // Light that samples of one colour have together at most; 0: each has its own. See group_light().
   Real shared_colour = 0;
-  Real stop_transmittance = 0;  // what gets less light learns nothing (shared colours only)
+  Real stop_transmittance = 0;        // what gets less light learns nothing (shared colours only)
+  std::optional<Real> roulette = {};  // see roulette(); without: every sample goes back
 };
 
 // The field on a tape, with the values that a caller fills and reads.

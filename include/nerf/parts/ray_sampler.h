@@ -29,7 +29,7 @@ struct SamplerOptions {
   int min_samples = 2;            // of a ray that meets any matter
   Real samples_per_cell = 3.0_r;  // of the effective number of cells that a ray's light comes from
   Real uniform_share = 1.0_r;     // drawn over all occupied cells, whatever the cache says
-  Real min_transmittance = 1e-3_r;  // the march stops where the cache lets less through; 0 = never
+  Real min_transmittance = 1e-4_r;  // the march stops where the cache lets less through; 0 = never
 };
 
 // Samples of a ray. The interval lengths of a ray add up to the length of matter that it passes,

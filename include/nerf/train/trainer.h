@@ -65,6 +65,7 @@ struct TrainOptions {
   double error_guidance = 0.7;   // 0: pixels are drawn uniformly; 1: where the error is
   double shared_colour = 0.125;  // light of a pixel that samples of one colour have together
   double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
+  double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
   double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
   GridOptions grid;
   // Of the other methods.
@@ -136,6 +137,11 @@ struct TrainOptions {
       "light below which what lies behind a place of a ray learns nothing; 0: everything learns "
       "(grid, with --shared-colour)",
       at_least(0), at_most(0.5));
+    v("gradient_roulette", gradient_roulette,
+      "share of the mean sample's gradient below which a sample learns with a chance of its "
+      "gradient's share in that, and then by so much more; 0: all learn that have a gradient "
+      "(grid)",
+      at_least(0), at_most(100));
     v("occupancy_threshold", occupancy_threshold,
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
     v("grid", grid, "field");
@@ -155,13 +161,14 @@ double distortion_weight(const TrainOptions& options, const Scene& scene);
 bool learns_from_reduced_photos(const TrainOptions& options);
 
 struct StepReport {
-  int64_t step = 0;     // steps done
-  double loss = 0;      // mean over rays and channels; 0 for rays that meet no matter
-  double psnr = 0;      // of all photos' pixels, estimated from the step's rays; dB
-  int64_t rays = 0;     // of this step
-  int64_t samples = 0;  // network samples of this step: forward and backward
-  int64_t colours = 0;  // evaluations of the colour network (grid)
-  double opacity = 0;   // mean over the step's rays
+  int64_t step = 0;      // steps done
+  double loss = 0;       // mean over rays and channels; 0 for rays that meet no matter
+  double psnr = 0;       // of all photos' pixels, estimated from the step's rays; dB
+  int64_t rays = 0;      // of this step
+  int64_t samples = 0;   // network samples of this step: forward and backward
+  int64_t colours = 0;   // evaluations of the colour network (grid)
+  int64_t learning = 0;  // samples that went back to the table (grid)
+  double opacity = 0;    // mean over the step's rays
   double rate = 0;
 };
 

@@ -1,0 +1,63 @@
+#include "nerf/kernels/linear.h"
+#include "nerf/kernels/roulette.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "kernels/roulette_simd.cc"
+// clang-format off: foreach_target.h must come first
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+// clang-format on
+
+HWY_BEFORE_NAMESPACE();
+namespace nerf {
+namespace HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<float, kLane>;
+constexpr int64_t kLanes = static_cast<int64_t>(hn::MaxLanes(D()));
+
+void norms(int rows, int64_t n, const float* HWY_RESTRICT x, int64_t ld, float* HWY_RESTRICT to) {
+  const D d;
+  for (int64_t i = 0; i < n; i += kLanes) {
+    auto sum = hn::Zero(d);
+    for (int k = 0; k < rows; ++k) sum = hn::Add(sum, hn::Abs(hn::LoadU(d, x + k * ld + i)));
+    hn::StoreU(sum, d, to + i);
+  }
+}
+
+// A vector of kept columns is written where the ones before it end, which is never behind what is
+// still to be read.
+void keep(int rows, const int32_t* HWY_RESTRICT kept, int64_t count, float* x, int64_t ld) {
+  const D d;
+  for (int64_t j = 0, next = 0; j < count; j = next) {
+    const int64_t first = kept[j] / kLanes * kLanes;
+    uint64_t bits = 0;
+    for (; next < count && kept[next] < first + kLanes; ++next)
+      bits |= uint64_t{1} << (kept[next] - first);
+    const auto mask = hn::LoadMaskBits(d, reinterpret_cast<const uint8_t*>(&bits));
+    for (int k = 0; k < rows; ++k) {
+      float* row = x + k * ld;
+      hn::StoreU(hn::Compress(hn::LoadU(d, row + first), mask), d, row + j);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace nerf
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace nerf {
+HWY_EXPORT(norms);
+HWY_EXPORT(keep);
+
+void column_norms(int rows, int64_t n, const float* x, int64_t ld, float* to) {
+  HWY_DYNAMIC_DISPATCH(norms)(rows, n, x, ld, to);
+}
+void keep_columns(int rows, const int32_t* kept, int64_t count, float* x, int64_t ld) {
+  HWY_DYNAMIC_DISPATCH(keep)(rows, kept, count, x, ld);
+}
+}  // namespace nerf
+#endif
