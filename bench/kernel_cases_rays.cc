@@ -2,11 +2,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 
 #include "kernel_bench.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/kernels/encoding.h"
+#include "nerf/kernels/roulette.h"
 #include "nerf/kernels/sample_groups.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/interval_sampler.h"
@@ -170,6 +172,37 @@ KernelRun group_run(int threads) {
   return run;
 }
 
+// Of a gradient of sixteen rows, and the 104 rows of values that the default density network goes
+// back through, what Russian roulette keeps: with norms that fall from 1 over five decades.
+KernelRun roulette_run(int threads) {
+  constexpr int kRows = 16, kValues = 104;
+  constexpr size_t kSize = static_cast<size_t>(kChunkSamples);
+  struct Own {
+    AlignedArray<Real> gradient = noise(kRows * kSize, 1), values = noise(kValues * kSize, 2);
+    AlignedArray<Real> norms{kSize}, given{kSize}, factor{kSize};
+    std::vector<int32_t> kept = std::vector<int32_t>(kSize);
+  };
+  auto all = std::make_shared<std::vector<Own>>(static_cast<size_t>(threads));
+  for (Own& own : *all)
+    for (size_t i = 0; i < kSize; ++i)
+      own.given[i] = std::pow(10.0_r, -5.0_r * static_cast<Real>(i * 37 % kSize) / kSize);
+  KernelRun run;
+  run.work = static_cast<double>(kChunks * kChunkSamples);
+  // The gradient is read twice and the values once; what is written of them is counted as nothing.
+  run.ceiling = [](Ceilings& c) { return c.cached() / ((2 * kRows + kValues) * sizeof(Real)); };
+  run.run = [=](ThreadPool& pool) {
+    pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
+      Own& own = (*all)[static_cast<size_t>(thread)];
+      column_norms(kRows, kChunkSamples, own.gradient.data(), kChunkSamples, own.norms.data());
+      const int64_t count = gradient_roulette(kChunkSamples, own.given.data(), 1, 0.5,
+                                              own.kept.data(), own.factor.data());
+      keep_columns(kRows, own.kept.data(), count, own.gradient.data(), kChunkSamples);
+      keep_columns(kValues, own.kept.data(), count, own.values.data(), kChunkSamples);
+    });
+  };
+  return run;
+}
+
 }  // namespace
 
 std::vector<KernelCase> ray_cases() {
@@ -191,6 +224,7 @@ std::vector<KernelCase> ray_cases() {
       {"weights and accumulation forward+backward, 16 samples per ray", Unit::kSamples,
        kBoundCached, light(Light::kWeightsFirst)},
       {"means of groups forward+backward, 4 samples each", Unit::kSamples, kBoundCached, group_run},
+      {"gradient roulette, 120 rows", Unit::kSamples, kBoundCached, roulette_run},
   };
 }
 

@@ -27,8 +27,16 @@ void norms(int rows, int64_t n, const float* HWY_RESTRICT x, int64_t ld, float* 
 }
 
 // A vector of kept columns is written where the ones before it end, which is never behind what is
-// still to be read.
+// still to be read. Without AVX-512, whose instruction it is, compressing a vector takes longer
+// than to move its numbers one by one.
 void keep(int rows, const int32_t* HWY_RESTRICT kept, int64_t count, float* x, int64_t ld) {
+  if constexpr (kLanes < 16) {
+    for (int k = 0; k < rows; ++k) {
+      float* row = x + k * ld;
+      for (int64_t j = 0; j < count; ++j) row[j] = row[kept[j]];
+    }
+    return;
+  }
   const D d;
   for (int64_t j = 0, next = 0; j < count; j = next) {
     const int64_t first = kept[j] / kLanes * kLanes;

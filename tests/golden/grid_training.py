@@ -12,9 +12,11 @@ result within a few u, and the largest deviation of 16 such runs is taken three 
 
     /usr/bin/python3 tests/golden/grid_training.py > tests/golden/grid_training.txt
     /usr/bin/python3 tests/golden/grid_training.py shared > tests/golden/grid_training_shared.txt
+    /usr/bin/python3 tests/golden/grid_training.py roulette > tests/golden/grid_training_roulette.txt
 
 The second run has one colour, that of their mean features, for successive samples of up to 0.2 of the
-light, and none for what less than 0.3 of it reaches.
+light, and none for what less than 0.3 of it reaches. The third besides lets samples whose gradient by
+the density network's output is below the mean learn by chance, and then by so much more.
 
 Lines: `loss value tolerance` of each step; `layer value tolerance value tolerance ...` of each
 network layer, [out x in] row by row, and `table ...`, rows of 4, after the last step.
@@ -84,6 +86,7 @@ class Batch:
         self.target = uniform(100 * step + 14, 3 * rays).reshape(3, rays)
         self.scale = f32(1 / (3 * rays))
         self.ray_of = np.repeat(np.arange(rays), counts)
+        self.chance = uniform(100 * step + 15, 1)[0]
 
 
 def lookup(level, places):
@@ -145,7 +148,16 @@ def groups_of(weight, begin):
     return out
 
 
-def evaluate(w, table, b, q, shared, gradients=True):
+def kept_by_chance(d, offset):
+    """The columns of d that are kept, grown by the inverse of their chance; zeros for the others."""
+    norms = np.abs(d).sum(0)
+    chance = np.minimum(norms / norms.mean(), 1)
+    drawn = np.floor(offset + np.concatenate([[0], np.cumsum(np.where(chance < 1, chance, 0))]))
+    kept = (norms > 0) & ((chance == 1) | (drawn[1:] > drawn[:-1]))
+    return np.where(kept, d / np.where(kept, chance, 1), 0)
+
+
+def evaluate(w, table, b, q, shared, gradients=True, roulette=False):
     """Loss of a batch and its gradients by w, by table, and which table rows received any."""
     n, rays = b.places.shape[1], len(b.begin) - 1
     found = [lookup(level, b.places) for level in LEVELS]
@@ -219,6 +231,8 @@ def evaluate(w, table, b, q, shared, gradients=True):
             d_density[i] = b.delta[i] * (q.round(after[i] * d_weight[i], 2) - q.round(behind, 2))
             behind += weight[i] * d_weight[i]
     d[0] += q.round(d_density * density, 4)
+    if roulette:
+        d = q.round(kept_by_chance(d, b.chance), d.shape[1] + 12)
     g[1] = q.product(d, a1.T)
     d = np.where(a1 > 0, q.product(w[1].T, d), 0)
     g[0] = q.product(d, x.T)
@@ -245,13 +259,14 @@ def start():
     return w, (2 * uniform(9, 4 * 128) - 1).reshape(128, 4) / 2
 
 
-def train(q, shared):
+def train(q, shared, roulette):
     w, table = start()
     moments = [(np.zeros_like(a), np.zeros_like(a)) for a in w]
     m, v, counters = np.zeros_like(table), np.zeros_like(table), np.zeros(128)
     losses = []
     for step in range(STEPS):
-        loss, g, g_table, touched = evaluate(w, table, Batch(step), q, shared)
+        loss, g, g_table, touched = evaluate(w, table, Batch(step), q, shared,
+                                                roulette=roulette)
         losses.append(loss)
         for a, da, (ma, va) in zip(w, g, moments):
             adam(q.round(da + L2 * a), ma, va, a, step + 1, q)
@@ -275,10 +290,11 @@ def check_gradients(shared):
 
 
 def main():
-    shared = sys.argv[1:] == ["shared"]
+    roulette = sys.argv[1:] == ["roulette"]
+    shared = roulette or sys.argv[1:] == ["shared"]
     check_gradients(shared)
-    losses, w, table = train(Exact(), shared)
-    runs = [train(Noisy(seed), shared) for seed in range(16)]
+    losses, w, table = train(Exact(), shared, roulette)
+    runs = [train(Noisy(seed), shared, roulette) for seed in range(16)]
 
     def line(kind, value, others):
         value = np.asarray(value)

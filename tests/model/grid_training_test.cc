@@ -11,6 +11,7 @@
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
 #include "nerf/kernels/adam.h"
+#include "nerf/kernels/roulette.h"
 #include "nerf/model/grid_field.h"
 
 namespace nerf {
@@ -41,22 +42,24 @@ AdamStep adam_step() {
   return {.rate = 0.01f, .beta1 = 0.9f, .beta2 = 0.99f, .epsilon = 1e-15f, .l2 = 1e-3f};
 }
 
-// The script's two runs: a colour for each sample, or shared by what has little light.
-enum class Colours { kOwn, kShared };
+// The script's runs: a colour for each sample; shared by what has little light; and with samples
+// that learn by chance besides.
+enum class Variant { kOwnColours, kSharedColours, kRoulette };
 
-GridLosses losses_of(Colours colours) {
+GridLosses losses_of(Variant variant) {
   GridLosses losses{.huber_delta = 0.1f};
-  if (colours == Colours::kShared) {
+  if (variant != Variant::kOwnColours) {
     losses.shared_colour = 0.2_r;
     losses.stop_transmittance = 0.3_r;
   }
+  if (variant == Variant::kRoulette) losses.roulette = 1;
   return losses;
 }
 
 struct TinyRun {
-  explicit TinyRun(Colours colours = Colours::kOwn)
+  explicit TinyRun(Variant variant = Variant::kOwnColours)
       : field(tiny_options(), false, 1),
-        tape(field, /*training=*/true, losses_of(colours)),
+        tape(field, /*training=*/true, losses_of(variant)),
         chunk(tape.tape) {
     EXPECT_EQ(field.shape.rows, 128u);
     EXPECT_TRUE(field.shape.levels[0].dense && !field.shape.levels[1].dense);
@@ -99,7 +102,7 @@ struct TinyRun {
         places.at(k, i) =
             i < n ? (2 * std::floor(1024 * drawn[static_cast<size_t>(k * n + i)]) + 1) / 2048
                   : 0.5_r;
-    const Real* x = places.data.data();
+    Real* x = places.data.data();
     const Real *y = x + places.ld, *z = y + places.ld;
 
     std::fill(gradient.begin(), gradient.end(), 0.0_r);
@@ -112,12 +115,16 @@ struct TinyRun {
     fill_inputs(stream, n);
     const int64_t ld = chunk.stride(tape.features);
     encode(field, x, y, z, nullptr, n, chunk.data(tape.features), ld);
+    chunk.roulette.offset = golden_draw(stream + 15, 1)[0];
     tape.tape.forward(chunk);
     tape.tape.backward(chunk);
+    learning += chunk.samples;
+    all += n;
+    if (chunk.samples < n) keep_columns(3, chunk.roulette.kept.data(), chunk.samples, x, places.ld);
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
       hash_grid_backward(
-          level, x, y, z, n,
+          level, x, y, z, chunk.samples,
           chunk.gradient(tape.features) + static_cast<int64_t>(l) * level.features * ld, ld,
           table_gradient.data() + level.begin(), touched.data() + level.offset);
     }
@@ -165,9 +172,10 @@ struct TinyRun {
   AlignedArray<uint8_t> touched;
   AlignedArray<uint16_t> row_steps;
   std::vector<Real> correction;
+  int learning = 0, all = 0;  // samples
 };
 
-void expect_golden_run(const char* file, Colours colours) {
+void expect_golden_run(const char* file, Variant variant) {
   const auto losses = golden_lines(file, "loss");
   const auto layers = golden_lines(file, "layer");
   const auto table = golden_lines(file, "table");
@@ -175,7 +183,7 @@ void expect_golden_run(const char* file, Colours colours) {
   ASSERT_EQ(table.size(), 1u);
   WorstError loss("loss"), network("network"), rows("table");
   for_each_target([&](const std::string&) {
-    TinyRun run(colours);
+    TinyRun run(variant);
     ASSERT_EQ(layers.size(), run.all_layers.size());
     ASSERT_EQ(table[0].size(), 2 * run.field.table.size());
     for (int s = 0; s < kSteps; ++s) {
@@ -197,6 +205,7 @@ void expect_golden_run(const char* file, Colours colours) {
                    golden_tolerance(table[0][2 * i], table[0][2 * i + 1]), "row", i / 4, "feature",
                    i % 4);
     // Rows had steps of their own: some missed one.
+    EXPECT_EQ(run.learning < run.all, variant == Variant::kRoulette);
     EXPECT_LT(*std::min_element(run.row_steps.begin(), run.row_steps.end()), kSteps);
   });
   loss.report();
@@ -205,11 +214,15 @@ void expect_golden_run(const char* file, Colours colours) {
 }
 
 TEST(GridTraining, TenStepsMatchTheGoldenRun) {
-  expect_golden_run("grid_training.txt", Colours::kOwn);
+  expect_golden_run("grid_training.txt", Variant::kOwnColours);
 }
 
 TEST(GridTraining, TenStepsWithSharedColoursMatchTheGoldenRun) {
-  expect_golden_run("grid_training_shared.txt", Colours::kShared);
+  expect_golden_run("grid_training_shared.txt", Variant::kSharedColours);
+}
+
+TEST(GridTraining, TenStepsWithRouletteMatchTheGoldenRun) {
+  expect_golden_run("grid_training_roulette.txt", Variant::kRoulette);
 }
 
 // The same on any chunk memory, however often: nothing is left over from a run.

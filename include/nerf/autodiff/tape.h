@@ -51,9 +51,9 @@ struct Chunk {
     std::vector<Real> share, per_light;
   };
   Groups groups;
-  // Where gradient_roulette() is on the tape: its random number, set by the caller, from [0, 1),
-  // and what it leaves, which columns the backward pass went on with. `samples` and `ray_begin` are
-  // of those from then on.
+  // Where roulette() is on the tape: its random number in [0, 1), which the caller sets, and the
+  // samples that the backward pass went on with. `samples` and `ray_begin` are of those from then
+  // on.
   struct Roulette {
     double offset = 0.5;
     std::vector<int32_t> kept, ray_begin;
