@@ -39,7 +39,8 @@ function(nerf_add_kernels_layer layer)
   if(NERF_DOUBLE)
     file(GLOB scalar CONFIGURE_DEPENDS ${folder}/scalar/*.cc)
     nerf_add_layer(${layer} SOURCES ${scalar} ${folder}/adam.cc ${folder}/bf16.cc
-                                    ${folder}/hash_grid.cc ${folder}/linear_bf16.cc)
+                                    ${folder}/hash_grid.cc ${folder}/linear_bf16.cc
+                                    ${folder}/roulette.cc)
     return()
   endif()
   nerf_add_layer(${layer} LINK HWY::hwy)

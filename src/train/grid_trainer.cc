@@ -222,9 +222,12 @@ void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
   Real* to = d_features.data() + c * rows * ld;
   for (int64_t k = 0; k < rows; ++k)
     std::copy_n(from + k * chunk.stride(tape.features), padded, to + k * ld);
-  for (auto* points : {&batch.x, &batch.y, &batch.z, &batch.spread})
+  const auto keep = [&](AlignedArray<Real>& points) {
     keep_columns(batch.points, chunk.roulette.kept.data(), count,
-                 points->data() + c * batch.points * ld, ld);
+                 points.data() + c * batch.points * ld, ld);
+  };
+  for (auto* points : {&batch.x, &batch.y, &batch.z}) keep(*points);
+  if (field.options.antialias) keep(batch.spread);
 }
 
 // A mean over rays: their scale is that of a mean over three channels too.

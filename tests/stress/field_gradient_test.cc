@@ -59,6 +59,7 @@ void expect_finite_gradients(const Sizes& size, int rays, Real target, const Gri
   fill(tape.scale, 1, 1);
   const FlushDenormals guard;
   tape.tape.forward(chunk);
+  const int64_t colours = chunk.count(tape.colour);
   tape.tape.backward(chunk);
 
   ASSERT_TRUE(std::isfinite(chunk.loss) && chunk.loss >= 0);
@@ -72,7 +73,7 @@ void expect_finite_gradients(const Sizes& size, int rays, Real target, const Gri
     for (int f = 0; f < tape.tape.rows(tape.features); ++f)
       ASSERT_TRUE(std::isfinite(chunk.gradient(tape.features)[f * ls + s]))
           << "feature " << f << " sample " << s;
-  for (int64_t i = 0; i < chunk.count(tape.colour); ++i)
+  for (int64_t i = 0; i < colours; ++i)
     for (int k = 0; k < 3; ++k) {
       const Real c = chunk.data(tape.colour)[k * chunk.stride(tape.colour) + i];
       ASSERT_TRUE(c >= 0 && c <= 1) << c;

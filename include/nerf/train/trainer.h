@@ -138,8 +138,8 @@ struct TrainOptions {
       "(grid, with --shared-colour)",
       at_least(0), at_most(0.5));
     v("gradient_roulette", gradient_roulette,
-      "a sample whose gradient is below this share of the mean one learns by chance, as often as "
-      "its gradient is large and then by so much more; 0: all learn that have a gradient (grid)",
+      "a sample whose gradient is below this share of its chunk's mean learns by chance, as often "
+      "as its gradient is large and then by so much more; 0: all learn that have one (grid)",
       at_least(0), at_most(100));
     v("occupancy_threshold", occupancy_threshold,
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
@@ -164,8 +164,8 @@ struct StepReport {
   double loss = 0;   // mean over rays and channels; 0 for rays that meet no matter
   double psnr = 0;   // of all photos' pixels, estimated from the step's rays; dB
   int64_t rays = 0;  // of this step
-  int64_t samples =
-      0;  // network samples of this step: forward, with the paper methods backward too
+  // Network samples of this step, forward; with the paper methods backward too.
+  int64_t samples = 0;
   int64_t colours = 0;   // evaluations of the colour network (grid)
   int64_t learning = 0;  // samples that went back to the tables (grid)
   double opacity = 0;    // mean over the step's rays
