@@ -57,9 +57,10 @@ void roulette(Tape& tape, Value x, Real least) {
   NERF_CHECK(tape.domain(x) == Domain::kSamples && tape.needs_gradient(x));
   const Value out = tape.output(1, Domain::kRays, {&x, 1});
   std::vector<Value> values;
-  for (Value v = 0; v < out; ++v) NERF_CHECK(tape.domain(v) != Domain::kGroups);
-  for (Value v = 0; v < out; ++v)
+  for (Value v = 0; v < out; ++v) {
+    NERF_CHECK(tape.domain(v) != Domain::kGroups);
     if (tape.domain(v) == Domain::kSamples) values.push_back(v);
+  }
   tape.record(std::make_unique<Roulette>(x, out, std::move(values), least));
 }
 

@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
-#include "nerf/kernels/roulette.h"
 #include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
 #include "train/lap.h"
@@ -213,7 +212,6 @@ void GridTrainer::run_chunks() {
   });
 }
 
-// Of the samples that the backward pass went on with, what their lookups need to learn.
 void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
   const int64_t ld = kChunkSamples, rows = field.shape.features();
   const int64_t count = chunk.samples, padded = round_up(count, kLane);
@@ -222,12 +220,7 @@ void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
   Real* to = d_features.data() + c * rows * ld;
   for (int64_t k = 0; k < rows; ++k)
     std::copy_n(from + k * chunk.stride(tape.features), padded, to + k * ld);
-  const auto keep = [&](AlignedArray<Real>& points) {
-    keep_columns(batch.points, chunk.roulette.kept.data(), count,
-                 points.data() + c * batch.points * ld, ld);
-  };
-  for (auto* points : {&batch.x, &batch.y, &batch.z}) keep(*points);
-  if (field.options.antialias) keep(batch.spread);
+  batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), count);
 }
 
 // A mean over rays: their scale is that of a mean over three channels too.

@@ -57,6 +57,7 @@ struct GridTrainer final : TrainerImpl {
   void pack();  // after every change of the networks' weights
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
+  // Of the samples that the backward pass went on with: what their lookups need to learn.
   void keep_samples(int64_t c, Chunk& chunk);
   void observe_samples();
   void observe_errors();

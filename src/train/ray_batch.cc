@@ -9,6 +9,7 @@
 #include <span>
 
 #include "nerf/base/error.h"
+#include "nerf/kernels/roulette.h"
 
 namespace nerf {
 
@@ -177,6 +178,12 @@ RayBatch::RayBatch(int max, int points_per_sample) : max_chunks(max), points(poi
   target = AlignedArray<Real>(r);
   tile.resize(static_cast<size_t>(max) * kChunkRays);
   weight.resize(tile.size());
+}
+
+void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
+  const size_t first = static_cast<size_t>(chunk) * static_cast<size_t>(points) * kChunkSamples;
+  for (auto* a : {&x, &y, &z, &spread})
+    keep_columns(points, kept, count, a->data() + first, kChunkSamples);
 }
 
 RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,

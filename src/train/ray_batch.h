@@ -105,6 +105,10 @@ struct RayBatch {
   };
   std::vector<EmptyRay> empty_rays;  // those that met no matter
 
+  // Moves the points of `count` samples of a chunk, `kept` in ascending order, to its front;
+  // nothing else of them.
+  void keep_points(int chunk, const int32_t* kept, int64_t count);
+
   Real* direction_of(int chunk) { return direction.data() + int64_t{chunk} * 3 * kChunkRays; }
   Real* background_of(int chunk) { return background.data() + int64_t{chunk} * 3 * kChunkRays; }
   Real* target_of(int chunk) { return target.data() + int64_t{chunk} * 3 * kChunkRays; }

@@ -86,7 +86,7 @@ class Batch:
         self.target = uniform(100 * step + 14, 3 * rays).reshape(3, rays)
         self.scale = f32(1 / (3 * rays))
         self.ray_of = np.repeat(np.arange(rays), counts)
-        self.chance = uniform(100 * step + 15, 1)[0]
+        self.offset = uniform(100 * step + 15, 1)[0]
 
 
 def lookup(level, places):
@@ -232,7 +232,7 @@ def evaluate(w, table, b, q, shared, gradients=True, roulette=False):
             behind += weight[i] * d_weight[i]
     d[0] += q.round(d_density * density, 4)
     if roulette:
-        d = q.round(kept_by_chance(d, b.chance), d.shape[1] + 12)
+        d = q.round(kept_by_chance(d, b.offset), d.shape[1] + 12)
     g[1] = q.product(d, a1.T)
     d = np.where(a1 > 0, q.product(w[1].T, d), 0)
     g[0] = q.product(d, x.T)
@@ -266,7 +266,7 @@ def train(q, shared, roulette):
     losses = []
     for step in range(STEPS):
         loss, g, g_table, touched = evaluate(w, table, Batch(step), q, shared,
-                                                roulette=roulette)
+                                             roulette=roulette)
         losses.append(loss)
         for a, da, (ma, va) in zip(w, g, moments):
             adam(q.round(da + L2 * a), ma, va, a, step + 1, q)

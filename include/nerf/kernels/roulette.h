@@ -23,8 +23,7 @@ int64_t gradient_roulette(int64_t n, const Real* norms, Real least, double offse
                           Real* factor);
 
 // Moves `count` columns, `kept` in ascending order, of x [rows x columns], rows `ld` apart, to the
-// front. ld is a multiple of kLane. What stands behind them afterwards is as finite
-// as x was.
+// front. ld is a multiple of kLane. What stands behind them afterwards is as finite as x was.
 void keep_columns(int rows, const int32_t* kept, int64_t count, Real* x, int64_t ld);
 
 }  // namespace nerf
