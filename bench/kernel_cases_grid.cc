@@ -31,7 +31,7 @@ class Grid {
         z_(x_.size()),
         features_(noise(static_cast<size_t>(shape_.features()) * x_.size(), 6)) {
     if (backward) {
-      gradient_ = AlignedArray<Real>(shape_.size());
+      gradient_ = AlignedArray<Real>(kRowParts * shape_.size());
       touched_ = AlignedArray<uint8_t>(shape_.rows);
     } else {
       table_ = noise(shape_.size(), 4);
@@ -52,14 +52,16 @@ class Grid {
     });
   }
 
+  // Into rows as the trainer has them, beside Adam's moments.
   void backward(ThreadPool& pool) {
+    const RowGradients gradient{gradient_.data(), kRowParts * shape_.features_per_entry()};
     pool.parallel_for(levels(), [&](int64_t i) {
       const int64_t l = levels() - 1 - i;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
       for (int64_t c = 0; c < chunks_; ++c)
         hash_grid_backward(level, x_.data() + at(c), y_.data() + at(c), z_.data() + at(c),
                            kChunkSamples, features(c, l), kChunkSamples,
-                           gradient_.data() + level.begin(), touched_.data() + level.offset);
+                           gradient.from(level.offset), touched_.data() + level.offset);
     });
   }
 
@@ -117,19 +119,18 @@ KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) 
 }
 
 // The tables of the default grid, of whose rows every `every`th (at random) has a gradient. Bytes
-// are those of such rows: gradient, two moments and weights are read and written, and a counter.
+// are those of such rows: their states and weights are read and written.
 struct AdamRows {
   AdamRows(int log2_entries, uint64_t every)
       : rows(static_cast<int64_t>(shape_of(log2_entries).rows)),
-        gradient(noise(floats(), 1)),
-        m(floats()),
-        v(floats()),
+        states(noise(kRowParts * floats(), 1)),
         weights(noise(floats(), 2)),
         correction(2 * kBiasCorrections),
         flags(static_cast<size_t>(rows)),
-        touched(flags.size()),
-        steps(flags.size()) {
+        touched(flags.size()) {
     bias_corrections(AdamStep(), correction.data());
+    for (size_t part = 0; part < states.size() / kFeatures; ++part)
+      if (part % kRowParts != kRowGradient) std::fill_n(&states[part * kFeatures], kFeatures, 0.0_r);
     Random random(7, 8, 0);
     for (uint8_t& f : flags) f = random.below(every) == 0;
     for (const uint8_t f : flags) with_gradient += f;
@@ -140,24 +141,22 @@ struct AdamRows {
     pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
       const int64_t at = i * kRows;
       adam_rows(AdamStep(), kFeatures, std::min(kRows, rows - at), touched.data() + at,
-                gradient.data() + kFeatures * at, m.data() + kFeatures * at,
-                v.data() + kFeatures * at, steps.data() + at, weights.data() + kFeatures * at,
+                states.data() + kRowParts * kFeatures * at, weights.data() + kFeatures * at,
                 correction.data());
     });
   }
   static constexpr int kFeatures = 4;
   int64_t rows, with_gradient = 0;
-  AlignedArray<Real> gradient, m, v, weights, correction;
+  AlignedArray<Real> states, weights, correction;
   AlignedArray<uint8_t> flags, touched;
-  AlignedArray<uint16_t> steps;
 };
 
 KernelRun adam_rows_run(uint64_t every) {
   auto adam = std::make_shared<AdamRows>(GridOptions().log2_entries, every);
   KernelRun run;
-  run.work = static_cast<double>(adam->with_gradient) * (2 * 4 * 16 + 2 * 2) +
+  run.work = static_cast<double>(adam->with_gradient) * 2 * (kRowParts + 1) * 16 +
              static_cast<double>(adam->rows);
-  run.ceiling = [adam](Ceilings& c) { return c.read(4 * adam->floats() * sizeof(Real)); };
+  run.ceiling = [adam](Ceilings& c) { return c.read((kRowParts + 1) * adam->floats() * sizeof(Real)); };
   run.prepare = [adam] { std::copy(adam->flags.begin(), adam->flags.end(), adam->touched.data()); };
   run.run = [adam](ThreadPool& pool) { adam->run(pool); };
   return run;

@@ -85,13 +85,26 @@ class Sink {
   uint32_t crc_ = 0;
 };
 
+void write_rows(const Strided<const uint8_t>& rows, Sink& sink) {
+  constexpr size_t kPiece = size_t{1} << 20;
+  std::vector<uint8_t> piece;
+  piece.reserve(std::min(kPiece + rows.count, rows.rows * rows.count));
+  for (size_t i = 0; i < rows.rows; ++i) {
+    const uint8_t* from = rows.data + i * rows.stride;
+    piece.insert(piece.end(), from, from + rows.count);
+    if (piece.size() < kPiece && i + 1 < rows.rows) continue;
+    sink.write(piece);
+    piece.clear();
+  }
+}
+
 }  // namespace
 
 void ContainerWriter::add_bytes(const std::string& name, std::span<const uint8_t> bytes,
                                 SectionEncoding encoding) {
   NERF_CHECK(!name.empty() && name.size() <= kNameBytes);
   NERF_CHECK_LT(sections_.size(), size_t{kMostSections});
-  Section section{name, encoding, bytes.size(), bytes, {}};
+  Section section{name, encoding, bytes.size(), bytes, {}, {}};
   if (encoding == SectionEncoding::kZlib) {
     uLongf size = ::compressBound(bytes.size());
     section.compressed.resize(size);
@@ -103,6 +116,12 @@ void ContainerWriter::add_bytes(const std::string& name, std::span<const uint8_t
   sections_.push_back(std::move(section));
 }
 
+void ContainerWriter::add_rows(const std::string& name, const Strided<const uint8_t>& rows) {
+  add_bytes(name, {}, SectionEncoding::kRaw);
+  sections_.back().apart = rows;
+  sections_.back().decoded_bytes = rows.rows * rows.count;
+}
+
 void ContainerWriter::save(const std::filesystem::path& path, const ContainerFormat& format) const {
   FileHead head{};
   NERF_CHECK_EQ(format.magic.size(), sizeof(head.magic));
@@ -111,7 +130,7 @@ void ContainerWriter::save(const std::filesystem::path& path, const ContainerFor
   head.sections = static_cast<uint32_t>(sections_.size());
   head.header_bytes = header_.size();
   head.file_bytes = sizeof(FileHead) + header_.size() + kChecksumBytes;
-  for (const Section& s : sections_) head.file_bytes += sizeof(SectionHead) + s.bytes().size();
+  for (const Section& s : sections_) head.file_bytes += sizeof(SectionHead) + s.stored_bytes();
 
   write_file_atomically(path, [&](const std::filesystem::path& temporary) {
     Sink sink(temporary, path);
@@ -121,10 +140,11 @@ void ContainerWriter::save(const std::filesystem::path& path, const ContainerFor
       SectionHead section{};
       std::memcpy(section.name, s.name.data(), s.name.size());
       section.encoding = static_cast<uint32_t>(s.encoding);
-      section.stored_bytes = s.bytes().size();
+      section.stored_bytes = s.stored_bytes();
       section.decoded_bytes = s.decoded_bytes;
       sink.write(bytes_of(section));
       sink.write(s.bytes());
+      write_rows(s.apart, sink);
     }
     const uint32_t crc = sink.crc();
     sink.write(bytes_of(crc));
@@ -207,11 +227,26 @@ const ContainerReader::Section& ContainerReader::find(const std::string& name) c
   return found->second;
 }
 
-void ContainerReader::read_bytes(const std::string& name, std::span<uint8_t> out) const {
+const ContainerReader::Section& ContainerReader::find(const std::string& name,
+                                                      uint64_t bytes) const {
   const Section& section = find(name);
-  if (section.decoded_bytes != out.size())
+  if (section.decoded_bytes != bytes)
     throw damaged("section '" + name + "' holds " + std::to_string(section.decoded_bytes) +
-                  " bytes, its options ask for " + std::to_string(out.size()));
+                  " bytes, its options ask for " + std::to_string(bytes));
+  return section;
+}
+
+void ContainerReader::read_rows(const std::string& name, const Strided<uint8_t>& out) const {
+  const Section& section = find(name, out.rows * out.count);
+  if (section.encoding != SectionEncoding::kRaw)
+    throw damaged("section '" + name + "' is compressed, which none of its kind is");
+  const uint8_t* from = section.stored.data();
+  for (size_t i = 0; i < out.rows; ++i, from += out.count)
+    std::memcpy(out.data + i * out.stride, from, out.count);
+}
+
+void ContainerReader::read_bytes(const std::string& name, std::span<uint8_t> out) const {
+  const Section& section = find(name, out.size());
   if (section.encoding == SectionEncoding::kRaw) {
     if (!out.empty()) std::memcpy(out.data(), section.stored.data(), out.size());
     return;

@@ -25,6 +25,14 @@ struct ContainerFormat {
 
 enum class SectionEncoding : uint32_t { kRaw = 0, kZlib = 1 };
 
+// Numbers that lie apart in memory and side by side in a file: `rows` times `count` of them, from
+// one row's first to the next one's `stride`.
+template <class T>
+struct Strided {
+  T* data;
+  size_t rows, count, stride;
+};
+
 // Collects sections and writes them. Raw sections are not copied: their arrays must live until
 // save().
 class ContainerWriter {
@@ -41,6 +49,13 @@ class ContainerWriter {
               encoding);
   }
 
+  template <class T>
+  void add(const std::string& name, const Strided<T>& values) {
+    static_assert(std::is_arithmetic_v<T>);
+    add_rows(name, {reinterpret_cast<const uint8_t*>(values.data), values.rows,
+                    values.count * sizeof(T), values.stride * sizeof(T)});
+  }
+
   // Writes atomically (write_file_atomically) without a second copy in memory. Throws Error.
   void save(const std::filesystem::path& path, const ContainerFormat& format) const;
 
@@ -51,10 +66,13 @@ class ContainerWriter {
     uint64_t decoded_bytes;
     std::span<const uint8_t> stored;  // of raw sections
     std::vector<uint8_t> compressed;  // of others
+    Strided<const uint8_t> apart{};   // of raw sections in rows that lie apart
     std::span<const uint8_t> bytes() const {
       return encoding == SectionEncoding::kRaw ? stored : std::span<const uint8_t>(compressed);
     }
+    uint64_t stored_bytes() const { return bytes().size() + apart.rows * apart.count; }
   };
+  void add_rows(const std::string& name, const Strided<const uint8_t>& rows);
   void add_bytes(const std::string& name, std::span<const uint8_t> bytes, SectionEncoding encoding);
 
   std::string header_;
@@ -81,6 +99,13 @@ class ContainerReader {
     static_assert(std::is_arithmetic_v<T>);
     read_bytes(name, {reinterpret_cast<uint8_t*>(out.data()), out.size_bytes()});
   }
+  // The same of a raw section, into rows that lie apart.
+  template <class T>
+  void read(const std::string& name, const Strided<T>& out) const {
+    static_assert(std::is_arithmetic_v<T>);
+    read_rows(name, {reinterpret_cast<uint8_t*>(out.data), out.rows, out.count * sizeof(T),
+                     out.stride * sizeof(T)});
+  }
 
  private:
   struct Section {
@@ -90,7 +115,9 @@ class ContainerReader {
   };
   void parse(const ContainerFormat& format);
   const Section& find(const std::string& name) const;
+  const Section& find(const std::string& name, uint64_t bytes) const;  // of that size exactly
   void read_bytes(const std::string& name, std::span<uint8_t> out) const;
+  void read_rows(const std::string& name, const Strided<uint8_t>& out) const;
 
   std::vector<uint8_t> bytes_;
   std::string where_;

@@ -43,17 +43,6 @@ HWY_INLINE void update(D d, const AdamStep& o, V c1, V c2, V g, float* m, float*
   hn::Store(to.w, d, w);
 }
 
-// The same where the mask is set.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE void update_where(D d, hn::Mask<D> where, const AdamStep& o, V c1, V c2, V g, float* m,
-                             float* v, float* w) {
-  const V m0 = hn::Load(d, m), v0 = hn::Load(d, v), w0 = hn::Load(d, w);
-  const Updated<D> to = updated(d, o, c1, c2, g, m0, v0, w0);
-  hn::Store(hn::IfThenElse(where, to.m, m0), d, m);
-  hn::Store(hn::IfThenElse(where, to.v, v0), d, v);
-  hn::Store(hn::IfThenElse(where, to.w, w0), d, w);
-}
-
 void dense(const AdamStep& o, float c1, float c2, int64_t n, const float* gradient, float* m,
            float* v, float* weights) {
   const hn::ScalableTag<float> d;
@@ -63,75 +52,36 @@ void dense(const AdamStep& o, float c1, float c2, int64_t n, const float* gradie
            weights + i);
 }
 
-using D4 = hn::CappedTag<float, 4>;
-
-// The same four values in the lowest lanes of a vector.
-template <class D>
-HWY_INLINE hn::Vec<D> widened(D d, hn::Vec<D4> v) {
-  if constexpr (hn::MaxLanes(D()) == 4) {
-    return v;
-  } else {
-    return hn::ZeroExtendVector(d, widened(hn::Half<D>(), v));
-  }
-}
-
-// Four rows of F at once; rows without gradient keep every bit. Flags and counters stay in vectors:
-// a vector read from what scalars have just written would stall.
 template <int F>
-void sparse_rows(const AdamStep& o, int64_t rows, uint8_t* touched, float* gradient, float* m,
-                 float* v, uint16_t* steps, float* weights, const float* correction) {
-  constexpr int64_t kRows = 4;
-  const hn::CappedTag<float, kRows * F> d;
-  constexpr int64_t kAhead = 32;  // rows; the processor does not foresee which ones have gradients
-  constexpr int64_t kLanes = hn::MaxLanes(hn::CappedTag<float, kRows * F>());
-  const hn::CappedTag<uint8_t, kRows> d8;
-  const hn::CappedTag<uint16_t, kRows> d16;
-  const hn::CappedTag<int32_t, kRows> di;
-  const D4 d4;
-  // Row of each parameter of the four rows.
-  alignas(64) static constexpr int32_t kRow4[] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
-  alignas(64) static constexpr int32_t kRow2[] = {0, 0, 1, 1, 2, 2, 3, 3};
-  const int32_t* row_of = F == 4 ? kRow4 : kRow2;
-  const auto rate = hn::Set(d4, o.rate);
-  const auto last = hn::Set(di, kBiasCorrections - 1);
-  for (int64_t block = 0; block < rows; block += 8) {
-    uint64_t any, later = 0;
-    if (block + kAhead < rows) std::memcpy(&later, touched + block + kAhead, sizeof(later));
-    if (later != 0)
-      for (float* array : {gradient, m, v, weights}) {
-        __builtin_prefetch(array + F * (block + kAhead), 1, 3);
-        if (F == 4) __builtin_prefetch(array + F * (block + kAhead) + 16, 1, 3);
-      }
-    std::memcpy(&any, touched + block, sizeof(any));
-    if (any == 0) continue;
-    for (int64_t first = block; first < block + 8; first += kRows, any >>= 8 * kRows) {
-      if (static_cast<uint32_t>(any) == 0) continue;
-      const auto on = hn::PromoteTo(d16, hn::Load(d8, touched + first));
-      const auto count = hn::SaturatedAdd(hn::Load(d16, steps + first), on);
-      hn::Store(count, d16, steps + first);
-      const auto t = hn::Min(hn::PromoteTo(di, count), last);
-      const auto c1 = hn::Mul(rate, hn::GatherIndex(d4, correction, hn::Add(t, t)));
-      const auto c2 = hn::GatherIndex(d4, correction + 1, hn::Add(t, t));
-      const auto open = hn::ConvertTo(d4, hn::PromoteTo(di, on));
-      for (int64_t lane = 0; lane < F * kRows; lane += kLanes) {
-        const auto row = hn::SetTableIndices(d, row_of + lane);
-        const auto spread = [&](hn::Vec<D4> x)
-                                HWY_ATTR { return hn::TableLookupLanes(widened(d, x), row); };
-        const auto where = hn::Gt(spread(open), hn::Zero(d));
-        const int64_t at = F * first + lane;
-        const auto g = hn::Load(d, gradient + at);
-        update_where(d, where, o, spread(c1), spread(c2), g, m + at, v + at, weights + at);
-        hn::Store(hn::IfThenZeroElse(where, g), d, gradient + at);
-      }
+HWY_INLINE void step_row(const AdamStep& o, const float* correction, float* state, float* weights) {
+  const hn::CappedTag<float, F> d;
+  float* const steps = state + kRowSteps * F;
+  steps[0] = HWY_MIN(steps[0] + 1, kMostRowSteps);
+  steps[1] = 0;
+  const int t = HWY_MIN(static_cast<int>(steps[0]), kBiasCorrections - 1);
+  const auto c1 = hn::Set(d, o.rate * correction[2 * t]), c2 = hn::Set(d, correction[2 * t + 1]);
+  update(d, o, c1, c2, hn::Load(d, state), state + kRowM * F, state + kRowV * F, weights);
+  hn::Store(hn::Zero(d), d, state);
+}
+
+template <int F>
+void listed_rows(const AdamStep& o, const uint32_t* rows, int64_t count, float* states,
+                 float* weights, const float* correction) {
+  constexpr int64_t kAhead = 32;  // rows whose memory is asked for, into the second-level cache
+  const auto state = [&](int64_t i) { return states + size_t{rows[i]} * kRowParts * F; };
+  const auto weight = [&](int64_t i) { return weights + size_t{rows[i]} * F; };
+  for (int64_t i = -kAhead; i < count; ++i) {
+    if (i + kAhead < count) {
+      __builtin_prefetch(state(i + kAhead), 1, 2);
+      __builtin_prefetch(weight(i + kAhead), 1, 2);
     }
-    std::memset(touched + block, 0, 8);
+    if (i >= 0) step_row<F>(o, correction, state(i), weight(i));
   }
 }
 
-void sparse(const AdamStep& o, int features, int64_t rows, uint8_t* touched, float* gradient,
-            float* m, float* v, uint16_t* steps, float* weights, const float* correction) {
-  (features == 4 ? sparse_rows<4> : sparse_rows<2>)(o, rows, touched, gradient, m, v, steps,
-                                                    weights, correction);
+void listed(const AdamStep& o, int features, const uint32_t* rows, int64_t count, float* states,
+            float* weights, const float* correction) {
+  (features == 4 ? listed_rows<4> : listed_rows<2>)(o, rows, count, states, weights, correction);
 }
 
 }  // namespace
@@ -142,7 +92,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace nerf {
 HWY_EXPORT(dense);
-HWY_EXPORT(sparse);
+HWY_EXPORT(listed);
 
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,
                 float* v, float* weights) {
@@ -153,11 +103,9 @@ void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* g
   (options, static_cast<float>(c1), static_cast<float>(c2), n, gradient, m, v, weights);
 }
 
-void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* touched,
-               float* gradient, float* m, float* v, uint16_t* steps, float* weights,
-               const float* correction) {
-  HWY_DYNAMIC_DISPATCH(sparse)
-  (options, features, rows, touched, gradient, m, v, steps, weights, correction);
+void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
+               float* states, float* weights, const float* correction) {
+  HWY_DYNAMIC_DISPATCH(listed)(options, features, rows, count, states, weights, correction);
 }
 }  // namespace nerf
 #endif

@@ -1,3 +1,5 @@
+#include <cstring>
+
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/kernels/linear.h"
 
@@ -59,7 +61,8 @@ HWY_INLINE Axis axis(const float* p, float scale, uint32_t multiplier) {
   return a;
 }
 
-template <bool kDense, int F>
+// kShift: of a row's number, to where it begins.
+template <bool kDense, int kShift>
 HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const float* y,
                              const float* z, Corners& out) {
   const DG d;
@@ -78,7 +81,6 @@ HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const f
       const auto wy = k & 1 ? ay.far : ay.near;
       const auto wz = k & 2 ? az.far : az.near;
       hn::Store(hn::Mul(wy, wz), d, out.weight[k] + first);
-      constexpr int kShift = F == 4 ? 2 : 1;
       if (kDense) {
         const auto row = hn::Add(ax.low, hn::Add(iy, iz));
         hn::Store(hn::ShiftLeft<kShift>(row), du, out.low[k] + first);
@@ -93,37 +95,37 @@ HWY_INLINE void find_corners(const HashGridLevel& level, const float* x, const f
   }
 }
 
-template <bool kDense, int F>
+template <bool kDense, int kShift>
 HWY_INLINE size_t high_row(const Corners& c, int k, int s) {
-  return kDense ? size_t{c.low[k][s]} + F : c.high[k][s];
+  return kDense ? size_t{c.low[k][s]} + (size_t{1} << kShift) : c.high[k][s];
 }
 
 // Asks for the rows that a group of corners will read or write, into the second-level cache: the
 // first one waits for too few at a time (on Zen 4 a lookup takes a third of the time it took with
 // it, where the table is 8 MB).
-template <bool kDense, int F>
+template <bool kDense, int kShift>
 HWY_INLINE void prefetch_rows(const Corners& c, const float* rows) {
   for (int k = 0; k < 4; ++k)
     for (int s = 0; s < kGroup; ++s) {
       __builtin_prefetch(rows + c.low[k][s], 0, 2);
-      __builtin_prefetch(rows + high_row<kDense, F>(c, k, s), 0, 2);
+      __builtin_prefetch(rows + high_row<kDense, kShift>(c, k, s), 0, 2);
     }
 }
 
 // Calls body(corners, s) for each group of samples from s on, the corners of the next one found
 // and, where `far`, its rows asked for before.
-template <bool kDense, int F, class Body>
+template <bool kDense, int kShift, class Body>
 HWY_INLINE void each_group(const HashGridLevel& level, const float* rows, const float* x,
                            const float* y, const float* z, int64_t n, const Body& body) {
-  const bool far = size_t{level.entries} * F * sizeof(float) > kNear;
+  const bool far = (size_t{level.entries} << kShift) * sizeof(float) > kNear;
   const int64_t end = round_up(n, kLane);
   Corners corners[2];
-  find_corners<kDense, F>(level, x, y, z, corners[0]);
+  find_corners<kDense, kShift>(level, x, y, z, corners[0]);
   for (int64_t s = 0; s < end; s += kGroup) {
     if (s + kGroup < end) {
       Corners& next = corners[(s / kGroup + 1) & 1];
-      find_corners<kDense, F>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
-      if (far) prefetch_rows<kDense, F>(next, rows);
+      find_corners<kDense, kShift>(level, x + s + kGroup, y + s + kGroup, z + s + kGroup, next);
+      if (far) prefetch_rows<kDense, kShift>(next, rows);
     }
     body(corners[(s / kGroup) & 1], s);
   }
@@ -135,14 +137,15 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
                    int64_t ld) {
   const Row<F> d;
   const hn::CappedTag<float, 4> d4;
-  each_group<kDense, F>(level, table, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
+  constexpr int kShift = F == 4 ? 2 : 1;
+  each_group<kDense, kShift>(level, table, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
     alignas(64) float sum[kGroup * F];
     for (int i = 0; i < kGroup; ++i) {
       auto low = hn::Zero(d), high = hn::Zero(d);
       for (int k = 0; k < 4; ++k) {
         const auto weight = hn::Set(d, c.weight[k][i]);
         low = hn::MulAdd(weight, hn::Load(d, table + c.low[k][i]), low);
-        high = hn::MulAdd(weight, hn::Load(d, table + high_row<kDense, F>(c, k, i)), high);
+        high = hn::MulAdd(weight, hn::Load(d, table + high_row<kDense, kShift>(c, k, i)), high);
       }
       high = hn::Mul(hn::Set(d, c.far[i]), high);
       hn::Store(hn::MulAdd(hn::Set(d, c.near[i]), low, high), d, sum + i * F);
@@ -167,10 +170,24 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
 template <bool kDense, int F>
 void backward_level(const HashGridLevel& level, const float* x, const float* y, const float* z,
                     int64_t n, const float* HWY_RESTRICT df, int64_t ld,
-                    float* HWY_RESTRICT gradient, uint8_t* HWY_RESTRICT touched) {
+                    float* HWY_RESTRICT states, RowList& touched) {
   const Row<F> d;
   const hn::CappedTag<float, 4> d4;
-  each_group<kDense, F>(level, gradient, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
+  constexpr int kShift = F == 4 ? 4 : 3;
+  static_assert(1 << kShift == kRowParts * F);
+  uint32_t* HWY_RESTRICT const list = touched.rows;
+  int64_t count = touched.count;
+  // Listed without a branch: whether a row was touched before is not foreseen.
+  const auto add = [&](size_t at, hn::Vec<Row<F>> weight, hn::Vec<Row<F>> x) HWY_ATTR {
+    float* const state = states + at;
+    hn::Store(hn::MulAdd(weight, x, hn::Load(d, state)), d, state);
+    list[count] = static_cast<uint32_t>(at >> kShift);
+    uint32_t listed;
+    std::memcpy(&listed, state + kRowSteps * F + 1, sizeof(listed));
+    count += listed == 0;
+    state[kRowSteps * F + 1] = 1;
+  };
+  each_group<kDense, kShift>(level, states, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
     alignas(64) float g[kGroup * F];
     for (int h = 0; h < kGroup; h += 4) {
       const float* from = df + s + h;
@@ -187,15 +204,12 @@ void backward_level(const HashGridLevel& level, const float* x, const float* y, 
       const auto low = hn::Mul(hn::Set(d, c.near[i]), gi), high = hn::Mul(hn::Set(d, c.far[i]), gi);
       for (int k = 0; k < 4; ++k) {
         const auto weight = hn::Set(d, c.weight[k][i]);
-        float* to = gradient + c.low[k][i];
-        hn::Store(hn::MulAdd(weight, low, hn::Load(d, to)), d, to);
-        touched[c.low[k][i] / F] = 1;
-        const size_t at = high_row<kDense, F>(c, k, i);
-        hn::Store(hn::MulAdd(weight, high, hn::Load(d, gradient + at)), d, gradient + at);
-        touched[at / F] = 1;
+        add(c.low[k][i], weight, low);
+        add(high_row<kDense, kShift>(c, k, i), weight, high);
       }
     }
   });
+  touched.count = count;
 }
 
 void forward(const HashGridLevel& level, const float* table, const float* x, const float* y,
@@ -209,13 +223,13 @@ void forward(const HashGridLevel& level, const float* table, const float* x, con
 }
 
 void backward(const HashGridLevel& level, const float* x, const float* y, const float* z, int64_t n,
-              const float* df, int64_t ld, float* gradient, uint8_t* touched) {
+              const float* df, int64_t ld, float* states, RowList& touched) {
   if (n <= 0) return;
   const auto run = level.features == 4
                        ? level.dense ? backward_level<true, 4> : backward_level<false, 4>
                    : level.dense ? backward_level<true, 2>
                                  : backward_level<false, 2>;
-  run(level, x, y, z, n, df, ld, gradient, touched);
+  run(level, x, y, z, n, df, ld, states, touched);
 }
 
 }  // namespace
@@ -233,9 +247,9 @@ void hash_grid_forward(const HashGridLevel& level, const float* table, const flo
   HWY_DYNAMIC_DISPATCH(forward)(level, table, x, y, z, n, features, ld);
 }
 void hash_grid_backward(const HashGridLevel& level, const float* x, const float* y, const float* z,
-                        int64_t n, const float* d_features, int64_t ld, float* gradient,
-                        uint8_t* touched) {
-  HWY_DYNAMIC_DISPATCH(backward)(level, x, y, z, n, d_features, ld, gradient, touched);
+                        int64_t n, const float* d_features, int64_t ld, float* states,
+                        RowList& touched) {
+  HWY_DYNAMIC_DISPATCH(backward)(level, x, y, z, n, d_features, ld, states, touched);
 }
 }  // namespace nerf
 #endif

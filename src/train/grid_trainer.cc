@@ -6,6 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
+#include <type_traits>
 
 #include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
@@ -25,14 +26,16 @@ int cascades_of(const Scene& scene) {
 }  // namespace
 
 OptimiserState::OptimiserState(const GridField& field)
-    : table_gradient(field.table.size()),
-      table_m(field.table.size()),
-      table_v(field.table.size()),
-      touched(field.shape.rows),
-      row_steps(field.shape.rows),
+    : rows(field.shape.rows),
+      features(field.shape.features_per_entry()),
+      row_states(kRowParts * field.table.size()),
+      list_rows(rows + field.shape.levels.size()),
       network_gradient(field.weights.size()),
       network_m(field.weights.size()),
-      network_v(field.weights.size()) {}
+      network_v(field.weights.size()) {
+  for (const HashGridLevel& level : field.shape.levels)
+    touched.push_back({list_rows.data() + level.offset + touched.size()});
+}
 
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t),
@@ -260,13 +263,14 @@ void GridTrainer::update_table(int64_t levels_on) {
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   const AdamStep step = adam_at(done);
   bias_corrections(step, corrections.data());
-  const auto adam = [&](uint64_t row, uint64_t rows) {
-    const int features = field.shape.features_per_entry();
-    const uint64_t at = row * static_cast<uint64_t>(features);
-    adam_rows(step, features, static_cast<int64_t>(rows), optimiser.touched.data() + row,
-              optimiser.table_gradient.data() + at, optimiser.table_m.data() + at,
-              optimiser.table_v.data() + at, optimiser.row_steps.data() + row,
-              field.table.data() + at, corrections.data());
+  const uint64_t features = static_cast<uint64_t>(optimiser.features);
+  const auto states_of = [&](const HashGridLevel& level) {
+    return optimiser.row_states.data() + level.offset * kRowParts * features;
+  };
+  const auto adam = [&](int64_t l, int64_t first, int64_t count) {
+    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    adam_rows(step, level.features, optimiser.touched[static_cast<size_t>(l)].rows + first, count,
+              states_of(level), field.table.data() + level.begin(), corrections.data());
   };
   // A level's gradient is still in a cache right after it was summed; with many threads the levels
   // are too few to share the optimiser's work.
@@ -278,30 +282,31 @@ void GridTrainer::update_table(int64_t levels_on) {
     if (i > levels_on) return observe_errors();
     const int64_t l = levels_on - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
+    RowList& touched = optimiser.touched[static_cast<size_t>(l)];
+    touched.count = 0;
     for (int64_t c = 0; c < batch.chunks; ++c)
       encode_level_backward(
           field, static_cast<size_t>(l), points_of(c), chunk_kept[static_cast<size_t>(c)],
-          d_features.data() + (c * levels + l) * level.features * ld, ld,
-          optimiser.table_gradient.data() + level.begin(), optimiser.touched.data() + level.offset);
-    if (at_once) adam(level.offset, level.entries);
+          d_features.data() + (c * levels + l) * level.features * ld, ld, states_of(level), touched);
+    if (at_once) adam(l, 0, touched.count);
   });
   if (at_once) return;
-  constexpr uint64_t kRows = 8192;
-  pool.parallel_for(static_cast<int64_t>((field.shape.rows + kRows - 1) / kRows), [&](int64_t i) {
-    const uint64_t row = static_cast<uint64_t>(i) * kRows;
-    adam(row, std::min(kRows, field.shape.rows - row));
-  });
+  constexpr int64_t kRows = 8192;
+  for (int64_t l = 0; l < levels_on; ++l) {
+    const int64_t count = optimiser.touched[static_cast<size_t>(l)].count;
+    pool.parallel_for((count + kRows - 1) / kRows, [&](int64_t i) {
+      adam(l, i * kRows, std::min(kRows, count - i * kRows));
+    });
+  }
 }
 
 namespace {
 
-// Every array that a step reads and the step before wrote. Gradients are zero between steps.
+// Every array that a step reads and the step before wrote, but for the rows' states.
+// Gradients are zero between steps.
 template <class T, class Visit>
 void visit_arrays(T& t, Visit&& visit) {
   visit("table", t.field.table.span());
-  visit("table_m", t.optimiser.table_m.span());
-  visit("table_v", t.optimiser.table_v.span());
-  visit("row_steps", t.optimiser.row_steps.span());
   visit("networks", t.field.weights.span());
   visit("networks_m", t.optimiser.network_m.span());
   visit("networks_v", t.optimiser.network_v.span());
@@ -311,12 +316,28 @@ void visit_arrays(T& t, Visit&& visit) {
 }
 constexpr const char* kLevels = "occupancy";  // as of its last rebuild
 
+// A part of the states of all rows: of the moments a number for each feature, of the steps one.
+template <class T, class Visit>
+void visit_row_states(T& t, Visit&& visit) {
+  auto* states = t.optimiser.row_states.data();
+  const size_t features = static_cast<size_t>(t.optimiser.features);
+  const auto part = [&](RowPart part, size_t count) {
+    return internal::Strided<std::remove_pointer_t<decltype(states)>>{
+        states + part * features, t.optimiser.rows, count,
+                             kRowParts * features};
+  };
+  visit("table_m", part(kRowM, features));
+  visit("table_v", part(kRowV, features));
+  visit("row_steps", part(kRowSteps, 1));
+}
+
 }  // namespace
 
 void GridTrainer::save_state(internal::ContainerWriter& file,
                              nlohmann::ordered_json& scalars) const {
   scalars["samples_per_ray"] = samples_per_ray;
   visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
+  visit_row_states(*this, [&](const char* name, auto states) { file.add(name, states); });
   file.add(kLevels, field.occupancy.levels(), internal::SectionEncoding::kZlib);
 }
 
@@ -324,9 +345,9 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
                              const internal::JsonFields& scalars) {
   std::vector<uint8_t> levels(field.occupancy.levels().size());
   file.read(kLevels, std::span(levels));
-  std::fill(optimiser.table_gradient.begin(), optimiser.table_gradient.end(), 0.0_r);
-  std::fill(optimiser.touched.begin(), optimiser.touched.end(), uint8_t{0});
+  std::fill(optimiser.row_states.begin(), optimiser.row_states.end(), 0.0_r);
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
+  visit_row_states(*this, [&](const char* name, auto states) { file.read(name, states); });
   field.occupancy.set_levels(levels);
   samples_per_ray = scalars.number("samples_per_ray");
   pack();

@@ -23,9 +23,11 @@ inline constexpr int kAccumulators = 32;
 // Gradients and moments of a field's parameters.
 struct OptimiserState {
   explicit OptimiserState(const GridField& field);
-  AlignedArray<Real> table_gradient, table_m, table_v;
-  AlignedArray<uint8_t> touched;     // one per row
-  AlignedArray<uint16_t> row_steps;  // one per row
+  uint64_t rows;                     // of the table
+  int features;                      // of a row
+  AlignedArray<Real> row_states;     // [rows][kRowParts][features]
+  AlignedArray<uint32_t> list_rows;  // of all levels
+  std::vector<RowList> touched;      // of each level
   AlignedArray<Real> network_gradient, network_m, network_v;
 };
 

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "nerf/kernels/adam.h"
 #include "nerf/kernels/encoding.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/train/evaluation.h"
@@ -62,8 +63,9 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
                                      network_weights(colour_in, hidden, colour_layers, 3));
   const uint64_t field = table + occupancy + 3 * weights;  // packed in bf16 too
 
-  // Gradient and two moments of everything; flag and counter of a row.
-  const uint64_t optimiser = 3 * (table + weights) + 3 * rows;
+  // Gradient and two moments of everything; as many numbers again for a row's counter and mark, and
+  // its place in the list of touched rows.
+  const uint64_t optimiser = kRowParts * table + 3 * weights + sizeof(uint32_t) * rows;
   const uint64_t accumulators = kAccumulators * weights;
 
   // Values and gradients of a chunk, per thread.
@@ -83,7 +85,8 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   // Besides the trainer, at different times: a copy of the field with its table in half precision
   // and its levels compressed (a saved model), a checkpoint read whole, moments made anew.
   const uint64_t saving = field + table / 2 + cells;
-  const uint64_t resuming = 3 * (table + weights) + 2 * rows + cells * (kFloat + 2);
+  const uint64_t resuming =
+      3 * (table + weights) + kFloat * rows + cells * (kFloat + 2);
   const uint64_t restarting = optimiser;
   return field + optimiser + accumulators + workers + batch +
          std::max({saving, resuming, restarting});

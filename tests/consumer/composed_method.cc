@@ -56,9 +56,8 @@ class Field {
     const auto colour_layers = layers({16 + 16, 32, 3});
     weights_ = gradient_ = m_ = v_ = nerf::AlignedArray<Real>(size);
     table_ = nerf::AlignedArray<Real>(shape_.size());
-    table_gradient_ = table_m_ = table_v_ = table_;
+    states_ = nerf::AlignedArray<Real>(nerf::kRowParts * shape_.size());
     touched_ = nerf::AlignedArray<uint8_t>(shape_.rows);
-    row_steps_ = nerf::AlignedArray<uint16_t>(shape_.rows);
     correction_.resize(2 * nerf::kBiasCorrections);
     nerf::bias_corrections({}, correction_.data());
 
@@ -140,10 +139,10 @@ class Field {
     std::fill(gradient_.begin(), gradient_.end(), 0.0_r);
     tape_.backward(*chunk_);
     each_level([&](const nerf::HashGridLevel& level, int64_t row) {
+      const nerf::RowGradients gradient{states_.data(), nerf::kRowParts * level.features};
       nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
                                chunk_->gradient(features_) + row, chunk_->stride(features_),
-                               table_gradient_.data() + level.begin(),
-                               touched_.data() + level.offset);
+                               gradient.from(level.offset), touched_.data() + level.offset);
     });
     nerf::AdamStep adam;
     adam.rate = rate;
@@ -151,8 +150,7 @@ class Field {
     nerf::adam_dense(adam, step_, static_cast<int64_t>(weights_.size()), gradient_.data(),
                      m_.data(), v_.data(), weights_.data());
     nerf::adam_rows(adam, shape_.features_per_entry(), static_cast<int64_t>(shape_.rows),
-                    touched_.data(), table_gradient_.data(), table_m_.data(), table_v_.data(),
-                    row_steps_.data(), table_.data(), correction_.data());
+                    touched_.data(), states_.data(), table_.data(), correction_.data());
   }
 
   std::span<const Real> light(int ray) const { return of_ray(light_, ray); }
@@ -195,9 +193,8 @@ class Field {
   nerf::Tape tape_;
   nerf::AlignedArray<Real> position_;  // x, y, z of all samples
   nerf::AlignedArray<Real> weights_, gradient_, m_, v_;
-  nerf::AlignedArray<Real> table_, table_gradient_, table_m_, table_v_;
+  nerf::AlignedArray<Real> table_, states_;
   nerf::AlignedArray<uint8_t> touched_;
-  nerf::AlignedArray<uint16_t> row_steps_;
   std::vector<Real> correction_;
   nerf::Value features_ = 0, delta_ = 0, light_ = 0, light_gradient_ = 0;
   nerf::Value directions_ = 0, background_ = 0, target_ = 0, scale_ = 0, pixel_ = 0;

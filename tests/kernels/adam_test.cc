@@ -8,6 +8,7 @@
 
 #include "kernels/exact_adam.h"
 #include "kernels/kernel_test.h"
+#include "kernels/row_states.h"
 
 namespace nerf {
 namespace {
@@ -92,22 +93,25 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
     std::vector<Real> correction(2 * kBiasCorrections);
     bias_corrections(options, correction.data());
     for (const size_t features : {size_t{4}, size_t{2}})
-      for (int64_t rows : {0, 8, 16, 240}) {
+      for (int64_t rows : {0, 8, 16, 240, 5000}) {
         State s(static_cast<size_t>(rows + 8) * features, random);
         AlignedArray<uint8_t> touched(static_cast<size_t>(rows + 8));
-        AlignedArray<uint16_t> steps(touched.size());
-        const uint16_t counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
+        std::vector<Real> steps(touched.size());
+        const Real counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
         for (size_t r = 0; r < touched.size(); ++r) {
           touched[r] = random.uniform() < 0.3_r || static_cast<int64_t>(r) >= rows;
           steps[r] = counters[random.below(std::size(counters))];
         }
-        // A block of eight without any.
+        // Many without any, and all of some.
         for (size_t r = 8; r < 16 && rows > 8; ++r) touched[r] = 0;
+        for (size_t r = 2048; r < touched.size() && r < 4096; ++r) touched[r] = r < 2080;
         const State before = s;
         const AlignedArray<uint8_t> were_touched = touched;
-        const AlignedArray<uint16_t> steps_before = steps;
-        adam_rows(options, static_cast<int>(features), rows, touched.data(), s.gradient.data(),
-                  s.m.data(), s.v.data(), steps.data(), s.w.data(), correction.data());
+        const std::vector<Real> steps_before = steps;
+        RowStates states(static_cast<int>(features), s.gradient, s.m, s.v, steps);
+        adam_rows(options, static_cast<int>(features), rows, touched.data(), states.data(),
+                  s.w.data(), correction.data());
+        states.take(s.gradient, s.m, s.v, steps);
         for (size_t r = 0; r < touched.size(); ++r) {
           const bool active = were_touched[r] && static_cast<int64_t>(r) < rows;
           if (!active) {
@@ -121,8 +125,8 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
                   << "row " << r;
             continue;
           }
-          const int64_t step = std::min(65535, steps_before[r] + 1);
-          ASSERT_EQ(steps[r], step);
+          const int64_t step = static_cast<int64_t>(std::min(65535.0_r, steps_before[r] + 1));
+          ASSERT_EQ(steps[r], static_cast<Real>(step));
           ASSERT_EQ(touched[r], 0);
           for (size_t i = features * r; i < features * (r + 1); ++i) {
             ASSERT_EQ(s.gradient[i], 0);
@@ -154,13 +158,15 @@ TEST(Adam, RowsTouchedEveryStepEqualDense) {
     std::fill(rows.v.begin(), rows.v.end(), 0.0_r);
     State dense = rows;
     AlignedArray<uint8_t> touched(kRows);
-    AlignedArray<uint16_t> steps(kRows);
+    std::vector<Real> steps(kRows);
     for (int step = 1; step <= kSteps; ++step) {
       for (size_t i = 0; i < kSize; ++i)
         rows.gradient[i] = dense.gradient[i] = uniform(random, -1, 1);
       std::fill(touched.begin(), touched.end(), uint8_t{1});
-      adam_rows(options, 4, kRows, touched.data(), rows.gradient.data(), rows.m.data(),
-                rows.v.data(), steps.data(), rows.w.data(), correction.data());
+      RowStates states(4, rows.gradient, rows.m, rows.v, steps);
+      adam_rows(options, 4, kRows, touched.data(), states.data(), rows.w.data(),
+                correction.data());
+      states.take(rows.gradient, rows.m, rows.v, steps);
       adam_dense(options, step, kSize, dense.gradient.data(), dense.m.data(), dense.v.data(),
                  dense.w.data());
       ASSERT_EQ(std::memcmp(rows.m.data(), dense.m.data(), kSize * sizeof(Real)), 0) << step;

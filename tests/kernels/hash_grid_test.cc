@@ -104,7 +104,7 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
         std::vector<double> want(gradient.size());
         for (size_t i = 0; i < gradient.size(); i += 7) want[i] = gradient[i] = 0.25_r;
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), n,
-                           g.data.data(), g.ld, gradient.data(), touched.data());
+                           g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
 
         std::vector<double> size = want;  // sum of magnitudes, for the tolerance
         std::vector<double> most(level.entries);
@@ -170,7 +170,7 @@ TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
         AlignedArray<Real> gradient(size_of(level));
         AlignedArray<uint8_t> touched(level.entries);
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), 48,
-                           g.data.data(), g.ld, gradient.data(), touched.data());
+                           g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
         int flags = 0;
         for (uint8_t t : touched) flags += t;
         if (feature < 0) {
@@ -204,7 +204,7 @@ TEST(HashGrid, CornersMatchGolden) {
       AlignedArray<Real> gradient(size_of(level));
       AlignedArray<uint8_t> touched(level.entries);
       hash_grid_backward(level, p.data.data(), p.data.data() + p.ld, p.data.data() + 2 * p.ld, 1,
-                         g.data.data(), g.ld, gradient.data(), touched.data());
+                         g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
       std::vector<std::pair<uint32_t, Real>> rows;  // expected sums; corners may share a row
       double flagged = 0, expected = 0;
       for (size_t c = 0; c < 8; ++c) {

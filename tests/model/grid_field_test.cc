@@ -267,7 +267,7 @@ TEST(GridField, FeaturesOfAConeAreMeans) {
       const HashGridLevel& level = field.shape.levels[l];
       encode_level_backward(field, l, points, kSamples,
                             changed.data.data() + static_cast<int64_t>(l) * level.features * got.ld,
-                            got.ld, of_rows.data() + level.begin(), touched.data() + level.offset);
+                            got.ld, {of_rows.data() + level.begin(), level.features}, touched.data() + level.offset);
     }
     for (size_t i = 0; i < of_rows.size(); ++i)
       by_rows += static_cast<double>(of_rows[i]) * static_cast<double>(field.table[i]);

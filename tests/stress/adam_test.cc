@@ -13,6 +13,7 @@
 
 #include "kernels/exact_adam.h"
 #include "kernels/kernel_test.h"
+#include "kernels/row_states.h"
 #include "nerf/base/threads.h"
 
 namespace nerf::stress {
@@ -49,12 +50,13 @@ void step_all(int features, const AdamStep& options, int64_t step, State& s) {
   bias_corrections(options, correction.data());
   const size_t rows = n / static_cast<size_t>(features);
   AlignedArray<uint8_t> touched(rows);
-  AlignedArray<uint16_t> steps(rows);
+  std::vector<Real> steps(rows, static_cast<Real>(std::min<int64_t>(step - 1, 65535)));
   for (uint8_t& t : touched) t = 1;
-  for (uint16_t& t : steps) t = static_cast<uint16_t>(std::min<int64_t>(step - 1, 65535));
-  adam_rows(options, features, static_cast<int64_t>(rows), touched.data(), s.gradient.data(),
-            s.m.data(), s.v.data(), steps.data(), s.w.data(), correction.data());
-  for (uint16_t t : steps) ASSERT_EQ(t, std::min<int64_t>(step, 65535));
+  RowStates states(features, s.gradient, s.m, s.v, steps);
+  adam_rows(options, features, static_cast<int64_t>(rows), touched.data(), states.data(),
+            s.w.data(), correction.data());
+  states.take(s.gradient, s.m, s.v, steps);
+  for (Real t : steps) ASSERT_EQ(t, static_cast<Real>(std::min<int64_t>(step, 65535)));
 }
 
 // The bounds of exact_adam.h, with what vanishes below the smallest normal number: up to three

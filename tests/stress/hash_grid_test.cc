@@ -170,7 +170,7 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
         gradients.emplace_back(table.size());
         AlignedArray<uint8_t> touched(level.entries);
         hash_grid_backward(level, p.row(0), p.row(1), p.row(2), 512, g.data.data(), g.ld,
-                           gradients.back().data(), touched.data());
+                           {gradients.back().data(), level.features}, touched.data());
       }
       for (int f = 0; f < level.features; ++f)
         for (int64_t s = 0; s < 512; ++s)
@@ -198,7 +198,7 @@ TEST(StressHashGrid, GradientsOfEveryMagnitudeArrive) {
           {
             const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
             hash_grid_backward(level, places.row(0), places.row(1), places.row(2), kSamples,
-                               g.data.data(), g.ld, gradient.data(), touched.data());
+                               g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
           }
           for (size_t f = 0; f < features; ++f) {
             double sent = 0, arrived = 0;

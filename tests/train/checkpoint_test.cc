@@ -175,7 +175,7 @@ TEST_F(CheckpointErrors, AnotherRealIsNamed) {
 
 TEST_F(CheckpointErrors, AnotherVersionHasItsOwnMessage) {
   EXPECT_TRUE(contains(loading_changed([](auto& b) { b[8] = 9; }),
-                       "checkpoint of version 9; this program reads version 3"));
+                       "checkpoint of version 9; this program reads version 4"));
 }
 
 TEST_F(CheckpointErrors, DamageIsFound) {

@@ -23,13 +23,24 @@ inline constexpr Real kMostGradient = 1e18_r;
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const Real* gradient, Real* m,
                 Real* v, Real* weights);
 
-// One step over the rows (of 2 or 4 floats each) whose touched flag is 1 and not 0, each with its
-// own step counter (saturating at 65535, where the bias correction has long been 1). Clears flag
-// and gradient of every touched row. `correction` holds bias_corrections(...). rows is a multiple
-// of 8.
-void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* touched,
-               Real* gradient, Real* m, Real* v, uint16_t* steps, Real* weights,
-               const Real* correction);
+// What Adam keeps of a table's row of F features beside its weights: four parts of F numbers, side
+// by side, so that a step waits for one line of memory (64 bytes of float where F is 4) and not for
+// one of each array. The last part begins with the number of steps that the row took, and with
+// whether the row is listed for the next one (1, else 0).
+enum RowPart { kRowGradient, kRowM, kRowV, kRowSteps, kRowParts };
+inline constexpr Real kMostRowSteps = 65535;  // counted no further: the correction has long been 1
+
+// Rows that have a gradient, in the order in which they got one (hash_grid_backward).
+struct RowList {
+  uint32_t* rows;  // room for one more than there are rows
+  int64_t count = 0;
+};
+
+// One step over `count` listed rows (of 2 or 4 features), each once, each with its own step counter.
+// Clears gradient and mark of each; others keep every bit. states: [..][kRowParts][features],
+// weights: [..][features], both aligned to 64 bytes; `correction` holds bias_corrections(...).
+void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
+               Real* states, Real* weights, const Real* correction);
 
 // For a step t in [0, kBiasCorrections): correction[2 t] = 1 / (1 - beta1^t) and
 // correction[2 t + 1] = 1 / sqrt(1 - beta2^t); later steps use the last entry.

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "nerf/base/real.h"
+#include "nerf/kernels/adam.h"
 
 namespace nerf {
 
@@ -46,10 +47,12 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
 void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
                        const Real* z, int64_t n, Real* features, int64_t ld);
 
-// gradient[row] += sum over samples; touched[row] = 1 for each row that received one. Samples whose
-// gradient is exactly 0 are skipped. One caller at a time per level; order is that of the samples.
+// Adds the features' gradient to that of the level's rows, whose states (adam.h) follow each other
+// from `states` on, and lists those rows that are not listed yet, numbered from the level's first.
+// Samples whose gradient is exactly 0 are skipped. One caller at a time per level; sums and list are
+// in the order of the samples.
 void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y, const Real* z,
-                        int64_t n, const Real* d_features, int64_t ld, Real* gradient,
-                        uint8_t* touched);
+                        int64_t n, const Real* d_features, int64_t ld, Real* states,
+                        RowList& touched);
 
 }  // namespace nerf

@@ -26,19 +26,21 @@ void adam_dense(const AdamStep& options, int64_t step, int64_t n, const Real* gr
   for (int64_t i = 0; i < n; ++i) update(options, c1, c2, gradient[i], m[i], v[i], weights[i]);
 }
 
-void adam_rows(const AdamStep& options, int features, int64_t rows, uint8_t* touched,
-               Real* gradient, Real* m, Real* v, uint16_t* steps, Real* weights,
-               const Real* correction) {
-  for (int64_t row = 0; row < rows; ++row) {
-    if (!touched[row]) continue;
-    steps[row] = static_cast<uint16_t>(std::min(steps[row] + 1, 65535));
-    const int t = std::min<int>(steps[row], kBiasCorrections - 1);
+void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
+               Real* states, Real* weights, const Real* correction) {
+  for (int64_t i = 0; i < count; ++i) {
+    Real* const state = states + int64_t{rows[i]} * kRowParts * features;
+    Real* const w = weights + int64_t{rows[i]} * features;
+    Real* const steps = state + kRowSteps * features;
+    steps[0] = std::min(steps[0] + 1, kMostRowSteps);
+    steps[1] = 0;
+    const int t = std::min(static_cast<int>(steps[0]), kBiasCorrections - 1);
     const Real c1 = options.rate * correction[2 * t], c2 = correction[2 * t + 1];
-    for (int64_t i = row * features; i < (row + 1) * features; ++i) {
-      update(options, c1, c2, gradient[i], m[i], v[i], weights[i]);
-      gradient[i] = 0;
+    for (int f = 0; f < features; ++f) {
+      update(options, c1, c2, state[f], state[kRowM * features + f], state[kRowV * features + f],
+             w[f]);
+      state[f] = 0;
     }
-    touched[row] = 0;
   }
 }
 
