@@ -31,8 +31,8 @@ class Grid {
         z_(x_.size()),
         features_(noise(static_cast<size_t>(shape_.features()) * x_.size(), 6)) {
     if (backward) {
-      gradient_ = AlignedArray<Real>(kRowParts * shape_.size());
-      touched_ = AlignedArray<uint8_t>(shape_.rows);
+      states_ = AlignedArray<Real>(kRowParts * shape_.size());
+      listed_.resize(shape_.rows + static_cast<uint64_t>(levels()));
     } else {
       table_ = noise(shape_.size(), 4);
     }
@@ -52,16 +52,16 @@ class Grid {
     });
   }
 
-  // Into rows as the trainer has them, beside Adam's moments.
+  // Rows are new to their list in the first run alone, which costs the same as those that are not.
   void backward(ThreadPool& pool) {
-    const RowGradients gradient{gradient_.data(), kRowParts * shape_.features_per_entry()};
     pool.parallel_for(levels(), [&](int64_t i) {
       const int64_t l = levels() - 1 - i;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
+      RowList touched{listed_.data() + level.offset + static_cast<uint64_t>(l)};
       for (int64_t c = 0; c < chunks_; ++c)
         hash_grid_backward(level, x_.data() + at(c), y_.data() + at(c), z_.data() + at(c),
                            kChunkSamples, features(c, l), kChunkSamples,
-                           gradient.from(level.offset), touched_.data() + level.offset);
+                           states_.data() + kRowParts * level.begin(), touched);
     });
   }
 
@@ -104,8 +104,8 @@ class Grid {
 
   HashGridShape shape_;
   int64_t chunks_;
-  AlignedArray<Real> table_, gradient_;
-  AlignedArray<uint8_t> touched_;
+  AlignedArray<Real> table_, states_;
+  std::vector<uint32_t> listed_;
   AlignedArray<Real> x_, y_, z_, features_;
 };
 
@@ -122,42 +122,41 @@ KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) 
 // are those of such rows: their states and weights are read and written.
 struct AdamRows {
   AdamRows(int log2_entries, uint64_t every)
-      : rows(static_cast<int64_t>(shape_of(log2_entries).rows)),
-        states(noise(kRowParts * floats(), 1)),
-        weights(noise(floats(), 2)),
-        correction(2 * kBiasCorrections),
-        flags(static_cast<size_t>(rows)),
-        touched(flags.size()) {
+      : rows(shape_of(log2_entries).rows),
+        states(kRowParts * kFeatures * rows),
+        weights(noise(kFeatures * rows, 2)),
+        correction(2 * kBiasCorrections) {
     bias_corrections(AdamStep(), correction.data());
-    for (size_t part = 0; part < states.size() / kFeatures; ++part)
-      if (part % kRowParts != kRowGradient) std::fill_n(&states[part * kFeatures], kFeatures, 0.0_r);
+    const AlignedArray<Real> gradient = noise(kFeatures * rows, 1);
     Random random(7, 8, 0);
-    for (uint8_t& f : flags) f = random.below(every) == 0;
-    for (const uint8_t f : flags) with_gradient += f;
+    for (size_t row = 0; row < rows; ++row) {
+      std::copy_n(&gradient[kFeatures * row], kFeatures, &states[kRowParts * kFeatures * row]);
+      if (random.below(every) == 0) touched.push_back(static_cast<uint32_t>(row));
+    }
   }
-  size_t floats() const { return kFeatures * static_cast<size_t>(rows); }
   void run(ThreadPool& pool) {
     constexpr int64_t kRows = 8192;
-    pool.parallel_for((rows + kRows - 1) / kRows, [&](int64_t i) {
-      const int64_t at = i * kRows;
-      adam_rows(AdamStep(), kFeatures, std::min(kRows, rows - at), touched.data() + at,
-                states.data() + kRowParts * kFeatures * at, weights.data() + kFeatures * at,
+    const int64_t count = static_cast<int64_t>(touched.size());
+    pool.parallel_for((count + kRows - 1) / kRows, [&](int64_t i) {
+      adam_rows(AdamStep(), kFeatures, touched.data() + i * kRows,
+                std::min(kRows, count - i * kRows), states.data(), weights.data(),
                 correction.data());
     });
   }
-  static constexpr int kFeatures = 4;
-  int64_t rows, with_gradient = 0;
+  static constexpr size_t kFeatures = 4;
+  size_t rows;
   AlignedArray<Real> states, weights, correction;
-  AlignedArray<uint8_t> flags, touched;
+  std::vector<uint32_t> touched;
 };
 
 KernelRun adam_rows_run(uint64_t every) {
   auto adam = std::make_shared<AdamRows>(GridOptions().log2_entries, every);
   KernelRun run;
-  run.work = static_cast<double>(adam->with_gradient) * 2 * (kRowParts + 1) * 16 +
-             static_cast<double>(adam->rows);
-  run.ceiling = [adam](Ceilings& c) { return c.read((kRowParts + 1) * adam->floats() * sizeof(Real)); };
-  run.prepare = [adam] { std::copy(adam->flags.begin(), adam->flags.end(), adam->touched.data()); };
+  run.work = static_cast<double>(adam->touched.size() * 2 * (kRowParts + 1) *
+                                 AdamRows::kFeatures * sizeof(Real));
+  run.ceiling = [adam](Ceilings& c) {
+    return c.read((adam->states.size() + adam->weights.size()) * sizeof(Real));
+  };
   run.run = [adam](ThreadPool& pool) { adam->run(pool); };
   return run;
 }

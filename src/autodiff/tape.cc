@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "nerf/base/error.h"
 #include "nerf/kernels/linear.h"
@@ -55,7 +56,8 @@ class Arena {
 
 }  // namespace
 
-Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()) {
+Chunk::Chunk(const Tape& t)
+    : tape(&t), arena(t.arena_floats()), bound(t.values_.size()) {
   const size_t samples = static_cast<size_t>(t.capacity(Domain::kSamples));
   groups.of.resize(samples);
   groups.share.resize(samples);
@@ -67,13 +69,20 @@ Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()) {
   roulette.factor.resize(samples);
 }
 
-Real* Chunk::data(Value v) { return arena.data() + tape->values_[static_cast<size_t>(v)].data; }
-const Real* Chunk::data(Value v) const {
-  return arena.data() + tape->values_[static_cast<size_t>(v)].data;
+void Chunk::bind(Value v, Real* data, Real* gradient) {
+  NERF_CHECK(tape->producer(v) == nullptr && (!gradient || tape->needs_gradient(v)));
+  bound[static_cast<size_t>(v)] = {data, gradient};
 }
+
+const Real* Chunk::data(Value v) const {
+  const size_t i = static_cast<size_t>(v);
+  return bound[i].data ? bound[i].data : arena.data() + tape->values_[i].data;
+}
+Real* Chunk::data(Value v) { return const_cast<Real*>(std::as_const(*this).data(v)); }
 Real* Chunk::gradient(Value v) {
-  NERF_CHECK(tape->values_[static_cast<size_t>(v)].gradient);
-  return arena.data() + tape->values_[static_cast<size_t>(v)].grad;
+  const size_t i = static_cast<size_t>(v);
+  NERF_CHECK(tape->values_[i].gradient);
+  return bound[i].gradient ? bound[i].gradient : arena.data() + tape->values_[i].grad;
 }
 int64_t Chunk::stride(Value v) const { return tape->capacity(tape->domain(v)); }
 int64_t Chunk::count(Value v) const {

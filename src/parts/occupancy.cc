@@ -9,14 +9,9 @@ namespace nerf {
 
 namespace {
 constexpr Real kUnknown = 0.02_r;  // before anything was seen: occupied, and everywhere alike
-constexpr Real kShare = 0.15_r;    // of a cell's memory that one point replaces
 constexpr Real kSolid = 0.1_r;     // opacity from which a cell keeps its neighbours switched on
 constexpr Real kMostOpaque = 0.9999_r;  // keeps the thickness of a cell finite
 
-int64_t brick_major(int x, int y, int z, int bricks) {
-  const int64_t brick = (int64_t{z >> 2} * bricks + (y >> 2)) * bricks + (x >> 2);
-  return brick * 64 + ((z & 3) * 16 + (y & 3) * 4 + (x & 3));
-}
 // Bits of a brick's cells: x in bits 0-1 of the index, y in 2-3, z in 4-5.
 constexpr uint64_t kLow[3] = {0x1111111111111111ull, 0x000f000f000f000full, 0x000000000000ffffull};
 constexpr int kShift[3] = {1, 4, 16};
@@ -45,8 +40,10 @@ uint64_t grow(const uint64_t* solid, int n, int bx, int by, int bz) {
 }  // namespace
 
 OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side_(side) {
-  NERF_CHECK(cascades >= 1 && cascades <= 16);
+  NERF_CHECK(cascades >= 1 && cascades <= kMostCascades);
   NERF_CHECK(side >= 16 && side <= kMostSide && side % 16 == 0);
+  for (int c = 0; c < cascades; ++c)
+    cell_widths_[static_cast<size_t>(c)] = std::ldexp(2.0_r / static_cast<Real>(side_), c);
   const size_t cells_in_all = static_cast<size_t>(cascades) * static_cast<size_t>(cells());
   opacity_ = AlignedArray<Real>(cells_in_all);
   levels_ = AlignedArray<uint8_t>(cells_in_all);
@@ -59,27 +56,6 @@ OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side
   }
   std::fill(opacity_.begin(), opacity_.end(), kUnknown);
   rebuild(0.01_r);
-}
-
-int OccupancyGrid::cascade_of(const Vec3& p) const {
-  int c = 0;
-  Real half = 1;
-  // Lower borders belong to a cascade, upper ones do not: the same rule by which a cell holds
-  // points.
-  const auto holds = [&](Real v) { return v >= -half && v < half; };
-  while (c < cascades_ && !(holds(p.x) && holds(p.y) && holds(p.z))) {
-    half *= 2;
-    ++c;
-  }
-  return c;
-}
-
-int64_t OccupancyGrid::cell_of(const Vec3& p, int cascade) const {
-  const Real scale = 1.0_r / cell_width(cascade);
-  int at[3];
-  for (int i = 0; i < 3; ++i)
-    at[i] = std::clamp(static_cast<int>(std::floor(p[i] * scale)) + side_ / 2, 0, side_ - 1);
-  return brick_major(at[0], at[1], at[2], bricks());
 }
 
 bool OccupancyGrid::occupied(const Vec3& p) const {
@@ -100,12 +76,6 @@ Vec3 OccupancyGrid::cell_corner(int64_t cell, int cascade) const {
   const Real h = static_cast<Real>(side_ / 2);
   return {(static_cast<Real>(x) - h) * w, (static_cast<Real>(y) - h) * w,
           (static_cast<Real>(z) - h) * w};
-}
-
-void OccupancyGrid::observe(int cascade, int64_t cell, Real seen) {
-  Real& a = opacity_[index(cascade, cell)];
-  if (a < 0 || !(seen >= 0)) return;
-  a += kShare * (seen - a);
 }
 
 // What a brick of 64 floats below 0 looks like: nothing in it ever changes.

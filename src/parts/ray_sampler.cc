@@ -36,15 +36,6 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
   mass_.resize(segments_.size());
 }
 
-namespace {
-// std::floor() of what fits into an int, without the many steps that older instructions need for
-// it.
-int floor_int(Real x) {
-  const int truncated = static_cast<int>(x);
-  return truncated - (x < static_cast<Real>(truncated));
-}
-}  // namespace
-
 // Traversal of a regular grid (Amanatides and Woo 1987) in two levels: bricks of 4^3 cells, and the
 // cells of the bricks that hold any matter. Borders are found from integers, so errors do not add
 // up.

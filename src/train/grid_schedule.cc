@@ -64,24 +64,35 @@ double GridTrainer::late_saving_seconds() {
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const Real late = options.grid.sampler.samples_per_cell;
   const double rays_now = capacity / std::max(samples_per_ray, 0.05);
-  double rays = rays_now, least[2] = {1e30, 1e30};
+  struct Seconds {
+    double draw = 1e30, encode = 1e30;  // the least of the repeats
+  } of[2];
+  double rays = rays_now;
   int64_t step = done;
   for (const Real samples : {samples_per_cell_at(done), late}) {
-    double& time = least[samples == late];
+    Seconds& least = of[samples == late];
     for (int i = 0; i < kRepeats; ++i) {
       const double begin = seconds_now();
       // Other rays each time: the same again would find their photos' memory in a cache.
       maker.fill(options.seed ^ salt, step++, static_cast<int64_t>(rays), samples,
                  pixel_block_at(done), batch);
-      time = std::min(time, seconds_now() - begin);
+      const double drawn = seconds_now();
+      encode_batch(levels_at(done));
+      least.draw = std::min(least.draw, drawn - begin);
+      least.encode = std::min(least.encode, seconds_now() - drawn);
       rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
                                     static_cast<double>(std::max<int64_t>(batch.total_samples, 1)));
     }
   }
+  if (of[0].draw == 1e30) return 0;  // steps are late ones already
   // Fewer rays of more samples each need fewer colours: on lego as the root of their number.
   const double colours =
       colour_seconds() * (1 - std::sqrt(std::min(1.0, rays / std::max(rays_now, 1.0))));
-  return least[0] < 1e30 ? least[0] - least[1] + colours : 0;
+  // Their samples share more of the table's rows, which gradients and optimiser gain by as lookups
+  // do.
+  const double lookups = of[0].encode - of[1].encode;
+  const double table = table_seconds * lookups / of[0].encode;
+  return of[0].draw - of[1].draw + colours + lookups + table;
 }
 
 double GridTrainer::colour_seconds() const {

@@ -99,27 +99,10 @@ StepReport GridTrainer::step() {
   maker.fill(seed, done, rays, samples_per_cell_at(done), pixel_block_at(done), batch);
   lap.into(profile.rays);
 
-  // Level by level over all chunks: a level's table stays in cache.
-  const int64_t ld = kChunkSamples;
-  constexpr int kChunksPerItem = 16;
-  const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
-  const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
   const int64_t levels_on = levels_at(done);
-  pool.parallel_for(level_count * items, [&](int64_t i) {
-    const int64_t l = i / items;
-    const int64_t rows = field.shape.features_per_entry();
-    const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
-    for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
-      Real* to = features.data() + (c * level_count + l) * rows * ld;
-      if (l < levels_on)
-        encode_level(field, static_cast<size_t>(l), points_of(c),
-                     batch.samples[static_cast<size_t>(c)], to, ld);
-      else
-        std::fill_n(to, rows * ld, 0.0_r);
-    }
-  });
+  encode_batch(levels_on);
   lap.into(profile.encode);
-  const double network_before = profile.network;
+  const double network_before = profile.network, table_before = profile.scatter;
   run_chunks();
   lap.into(profile.network);
   const double network = profile.network - network_before;
@@ -150,6 +133,7 @@ StepReport GridTrainer::step() {
   };
   follow(samples_per_ray, seen);
   follow(chunk_seconds, network);
+  follow(table_seconds, profile.scatter - table_before);
   follow(colours_per_sample, static_cast<double>(report.colours) /
                                  static_cast<double>(std::max<int64_t>(report.samples, 1)));
   ++done;
@@ -157,6 +141,27 @@ StepReport GridTrainer::step() {
   lap.into(profile.occupancy);
   report.step = done;
   return report;
+}
+
+void GridTrainer::encode_batch(int64_t levels_on) {
+  // Level by level over all chunks: a level's table stays in cache.
+  const int64_t ld = kChunkSamples;
+  constexpr int kChunksPerItem = 16;
+  const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
+  const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
+  pool.parallel_for(level_count * items, [&](int64_t i) {
+    const int64_t l = i / items;
+    const int64_t rows = field.shape.features_per_entry();
+    const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
+    for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
+      Real* to = features.data() + (c * level_count + l) * rows * ld;
+      if (l < levels_on)
+        encode_level(field, static_cast<size_t>(l), points_of(c),
+                     batch.samples[static_cast<size_t>(c)], to, ld);
+      else
+        std::fill_n(to, rows * ld, 0.0_r);
+    }
+  });
 }
 
 void GridTrainer::run_chunks() {
@@ -179,11 +184,10 @@ void GridTrainer::run_chunks() {
       chunk.rays = batch.rays[i];
       chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
       chunk.loss = 0;
-      const size_t bytes = static_cast<size_t>(rows * ld) * sizeof(Real);
       Random random(options.seed ^ salt, static_cast<uint64_t>(done),
                     (uint64_t{1} << 61) + static_cast<uint64_t>(c));  // no ray has this number
       chunk.roulette.offset = static_cast<double>(random.uniform());
-      std::memcpy(chunk.data(tape.features), features.data() + c * rows * ld, bytes);
+      chunk.bind(tape.features, features.data() + c * rows * ld, d_features.data() + c * rows * ld);
       std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(Real));
       const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
       std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
@@ -212,18 +216,13 @@ void GridTrainer::run_chunks() {
       const Real* opacity = pixel + 3 * lr;
       chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
     }
+    chunk.bind(tape.features, nullptr, nullptr);
   });
 }
 
 void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
-  const int64_t ld = kChunkSamples, rows = field.shape.features();
-  const int64_t count = chunk.samples, padded = round_up(count, kLane);
-  chunk_kept[static_cast<size_t>(c)] = count;
-  const Real* from = chunk.gradient(tape.features);
-  Real* to = d_features.data() + c * rows * ld;
-  for (int64_t k = 0; k < rows; ++k)
-    std::copy_n(from + k * chunk.stride(tape.features), padded, to + k * ld);
-  batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), count);
+  chunk_kept[static_cast<size_t>(c)] = chunk.samples;
+  batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), chunk.samples);
 }
 
 // A mean over rays: their scale is that of a mean over three channels too.

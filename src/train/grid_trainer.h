@@ -57,6 +57,7 @@ struct GridTrainer final : TrainerImpl {
   int pixel_block_at(int64_t step) const;
   GridPoints points_of(int64_t chunk) const;
   void pack();  // after every change of the networks' weights
+  void encode_batch(int64_t levels_on);
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
@@ -92,8 +93,9 @@ struct GridTrainer final : TrainerImpl {
   std::vector<double> chunk_loss, chunk_opacity;
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
-  // Of the last steps: what the networks took, and of how many samples a colour was asked for.
-  double chunk_seconds = 0, colours_per_sample = 0;
+  // Of the last steps: what the networks took, what the table's gradient and its optimiser took, and
+  // of how many samples a colour was asked for.
+  double chunk_seconds = 0, table_seconds = 0, colours_per_sample = 0;
 };
 
 }  // namespace nerf

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "nerf/kernels/elementwise.h"
 #include "train/grid_trainer.h"
 
 namespace nerf {
@@ -24,14 +25,19 @@ void each_ray(const RayBatch& batch, const std::vector<Real>& errors, const Body
 }  // namespace
 
 void GridTrainer::observe_samples() {
-  const int64_t cells = field.occupancy.cells();
+  constexpr int kAhead = 24;  // samples: cells lie anywhere in memory
+  alignas(64) Real seen[kChunkSamples];
   for (int c = 0; c < batch.chunks; ++c) {
-    const int64_t at = int64_t{c} * kChunkSamples;
-    for (int64_t s = at; s < at + batch.samples[static_cast<size_t>(c)]; ++s) {
-      const Real seen = -std::expm1(-densities[static_cast<size_t>(s)] *
-                                    batch.cell_width[static_cast<size_t>(s)]);
-      const int64_t cell = batch.cell[static_cast<size_t>(s)];
-      field.occupancy.observe(static_cast<int>(cell / cells), cell % cells, seen);
+    const size_t at = static_cast<size_t>(c) * kChunkSamples;
+    const int n = batch.samples[static_cast<size_t>(c)];
+    opacity(n, densities.data() + at, batch.cell_width.data() + at, seen);
+    const int32_t* cells = batch.cell.data() + at;
+    for (int s = 0; s < std::min(n, kAhead); ++s)
+      field.occupancy.prefetch_memory(static_cast<size_t>(cells[s]));
+    for (int s = 0; s < n; ++s) {
+      if (s + kAhead < n)
+        field.occupancy.prefetch_memory(static_cast<size_t>(cells[s + kAhead]));
+      field.occupancy.observe(static_cast<size_t>(cells[s]), seen[s]);
     }
   }
 }

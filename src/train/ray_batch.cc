@@ -237,40 +237,48 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     const bool follow_cache = random.uniform() >= kUncachedShare;
     record.block_begin = static_cast<int>(block.delta.size());
     record.count = sampler.sample(pixel.ray, &random, follow_cache, samples);
-    const Vec3 d = pixel.ray.direction.cast<Real>();
-    ConeSample sample{sampler.entry(), d};
+    ConeSample sample{sampler.entry(), pixel.ray.direction.cast<Real>()};
     if (field_.options.sees_cones())
       sample.radius =
           static_cast<Real>(pixel.width * pixel_cone_radius(*pixel.camera, pixel.centre()));
-    const size_t points = static_cast<size_t>(field_.options.cone_points);
-    size_t at = block.x.size();
-    const size_t end = at + points * static_cast<size_t>(record.count);
-    for (auto* v : {&block.x, &block.y, &block.z}) v->resize(end);
-    if (field_.options.antialias) block.spread.resize(end);
-    for (int s = 0; s < record.count; ++s, at += points) {
-      sample.t = samples.t[static_cast<size_t>(s)];
-      sample.delta = samples.delta[static_cast<size_t>(s)];
-      sample.distance = static_cast<Real>(sampler.start()) + sample.t;
-      if (points > 1) {
-        const Real turn = 2 * std::numbers::pi_v<Real> * random.uniform();
-        sample.cosine = std::cos(turn);
-        sample.sine = std::sin(turn);
-        sample.reversed = random.uniform() < 0.5_r;
-      }
-      place_points(field_, sample, 1, block.x.data() + at, block.y.data() + at, block.z.data() + at,
-                   field_.options.antialias ? block.spread.data() + at : nullptr);
-      const Vec3 p = sample.entry + d * sample.t;
-      if (intervals_) {
-        const Real inverse = 1 / (1 + sample.distance);
-        block.middle.push_back(1 - inverse);
-        block.width.push_back(sample.delta * inverse * inverse);
-      }
-      block.delta.push_back(sample.delta);
-      const int cascade = std::min(field_.occupancy.cascade_of(p), field_.occupancy.cascades() - 1);
-      block.cell.push_back(static_cast<int32_t>(cascade * field_.occupancy.cells() +
-                                                field_.occupancy.cell_of(p, cascade)));
-      block.cell_width.push_back(field_.occupancy.cell_width(cascade));
+    place_samples(sample, static_cast<Real>(sampler.start()), samples, random, block);
+  }
+}
+
+void RayBatchMaker::place_samples(ConeSample& sample, Real start, const RaySamples& samples,
+                                  Random& random, Block& block) {
+  const size_t points = static_cast<size_t>(field_.options.cone_points);
+  const size_t first = block.delta.size(), end = first + samples.t.size();
+  for (auto* v : {&block.x, &block.y, &block.z}) v->resize(points * end);
+  if (field_.options.antialias) block.spread.resize(points * end);
+  block.delta.insert(block.delta.end(), samples.delta.begin(), samples.delta.end());
+  block.cell.resize(end);
+  block.cell_width.resize(end);
+  if (intervals_)
+    for (auto* v : {&block.middle, &block.width}) v->resize(end);
+  const OccupancyGrid& grid = field_.occupancy;
+  for (size_t s = first; s < end; ++s) {
+    sample.t = samples.t[s - first];
+    sample.delta = samples.delta[s - first];
+    sample.distance = start + sample.t;
+    if (points > 1) {
+      const Real turn = 2 * std::numbers::pi_v<Real> * random.uniform();
+      sample.cosine = std::cos(turn);
+      sample.sine = std::sin(turn);
+      sample.reversed = random.uniform() < 0.5_r;
     }
+    const size_t at = s * points;
+    place_points(field_, sample, 1, block.x.data() + at, block.y.data() + at, block.z.data() + at,
+                 field_.options.antialias ? block.spread.data() + at : nullptr);
+    if (intervals_) {
+      const Real inverse = 1 / (1 + sample.distance);
+      block.middle[s] = 1 - inverse;
+      block.width[s] = sample.delta * inverse * inverse;
+    }
+    const Vec3 p = sample.entry + sample.direction * sample.t;
+    const int cascade = std::min(grid.cascade_of(p), grid.cascades() - 1);
+    block.cell[s] = static_cast<int32_t>(cascade * grid.cells() + grid.cell_of(p, cascade));
+    block.cell_width[s] = grid.cell_width(cascade);
   }
 }
 

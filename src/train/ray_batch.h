@@ -142,6 +142,10 @@ class RayBatchMaker {
   };
   void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int pixel_block,
                   int thread);
+  // Appends a ray's samples to the block. `sample` has what they share, `start` is the distance of
+  // its entry from the camera.
+  void place_samples(ConeSample& sample, Real start, const RaySamples& samples, Random& random,
+                     Block& block);
   void copy_block(Block& block, RayBatch& batch);
 
   const PixelSource& source_;

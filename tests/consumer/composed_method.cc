@@ -57,7 +57,7 @@ class Field {
     weights_ = gradient_ = m_ = v_ = nerf::AlignedArray<Real>(size);
     table_ = nerf::AlignedArray<Real>(shape_.size());
     states_ = nerf::AlignedArray<Real>(nerf::kRowParts * shape_.size());
-    touched_ = nerf::AlignedArray<uint8_t>(shape_.rows);
+    touched_.resize(shape_.rows + 1);
     correction_.resize(2 * nerf::kBiasCorrections);
     nerf::bias_corrections({}, correction_.data());
 
@@ -138,19 +138,20 @@ class Field {
   void backward_and_update(Real rate) {
     std::fill(gradient_.begin(), gradient_.end(), 0.0_r);
     tape_.backward(*chunk_);
-    each_level([&](const nerf::HashGridLevel& level, int64_t row) {
-      const nerf::RowGradients gradient{states_.data(), nerf::kRowParts * level.features};
-      nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
-                               chunk_->gradient(features_) + row, chunk_->stride(features_),
-                               gradient.from(level.offset), touched_.data() + level.offset);
-    });
     nerf::AdamStep adam;
     adam.rate = rate;
+    each_level([&](const nerf::HashGridLevel& level, int64_t row) {
+      Real* const states = states_.data() + nerf::kRowParts * level.begin();
+      nerf::RowList touched{touched_.data()};
+      nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
+                               chunk_->gradient(features_) + row, chunk_->stride(features_),
+                               states, touched);
+      nerf::adam_rows(adam, level.features, touched.rows, touched.count, states,
+                      table_.data() + level.begin(), correction_.data());
+    });
     ++step_;
     nerf::adam_dense(adam, step_, static_cast<int64_t>(weights_.size()), gradient_.data(),
                      m_.data(), v_.data(), weights_.data());
-    nerf::adam_rows(adam, shape_.features_per_entry(), static_cast<int64_t>(shape_.rows),
-                    touched_.data(), states_.data(), table_.data(), correction_.data());
   }
 
   std::span<const Real> light(int ray) const { return of_ray(light_, ray); }
@@ -194,7 +195,7 @@ class Field {
   nerf::AlignedArray<Real> position_;  // x, y, z of all samples
   nerf::AlignedArray<Real> weights_, gradient_, m_, v_;
   nerf::AlignedArray<Real> table_, states_;
-  nerf::AlignedArray<uint8_t> touched_;
+  std::vector<uint32_t> touched_;
   std::vector<Real> correction_;
   nerf::Value features_ = 0, delta_ = 0, light_ = 0, light_gradient_ = 0;
   nerf::Value directions_ = 0, background_ = 0, target_ = 0, scale_ = 0, pixel_ = 0;

@@ -93,30 +93,26 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
     std::vector<Real> correction(2 * kBiasCorrections);
     bias_corrections(options, correction.data());
     for (const size_t features : {size_t{4}, size_t{2}})
-      for (int64_t rows : {0, 8, 16, 240, 5000}) {
-        State s(static_cast<size_t>(rows + 8) * features, random);
-        AlignedArray<uint8_t> touched(static_cast<size_t>(rows + 8));
-        std::vector<Real> steps(touched.size());
+      for (int64_t rows : {0, 1, 8, 16, 31, 32, 33, 240}) {
+        State s(static_cast<size_t>(rows) * features, random);
+        std::vector<Real> steps(static_cast<size_t>(rows));
         const Real counters[] = {0, 1, 5, 999, 4094, 4095, 4096, 65533, 65534, 65535};
-        for (size_t r = 0; r < touched.size(); ++r) {
-          touched[r] = random.uniform() < 0.3_r || static_cast<int64_t>(r) >= rows;
-          steps[r] = counters[random.below(std::size(counters))];
-        }
-        // Many without any, and all of some.
-        for (size_t r = 8; r < 16 && rows > 8; ++r) touched[r] = 0;
-        for (size_t r = 2048; r < touched.size() && r < 4096; ++r) touched[r] = r < 2080;
+        for (Real& t : steps) t = counters[random.below(std::size(counters))];
         const State before = s;
-        const AlignedArray<uint8_t> were_touched = touched;
         const std::vector<Real> steps_before = steps;
-        RowStates states(static_cast<int>(features), s.gradient, s.m, s.v, steps);
-        adam_rows(options, static_cast<int>(features), rows, touched.data(), states.data(),
-                  s.w.data(), correction.data());
+        RowStates states(steps.size(), static_cast<int>(features));
+        states.set(s.gradient, s.m, s.v, steps);
+        // Listed from the last to the first.
+        std::vector<bool> touched(steps.size());
+        for (size_t r = touched.size(); r-- > 0;)
+          if ((touched[r] = random.uniform() < 0.3_r)) states.touch(r);
+        adam_rows(options, static_cast<int>(features), states.list.rows, states.list.count,
+                  states.data(), s.w.data(), correction.data());
         states.take(s.gradient, s.m, s.v, steps);
         for (size_t r = 0; r < touched.size(); ++r) {
-          const bool active = were_touched[r] && static_cast<int64_t>(r) < rows;
-          if (!active) {
+          ASSERT_FALSE(states.listed(r));
+          if (!touched[r]) {
             ASSERT_EQ(steps[r], steps_before[r]) << r;
-            ASSERT_EQ(touched[r], were_touched[r]) << r;
             for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
               ASSERT_EQ(
                   std::memcmp((s.*member).data() + features * r,
@@ -127,7 +123,6 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
           }
           const int64_t step = static_cast<int64_t>(std::min(65535.0_r, steps_before[r] + 1));
           ASSERT_EQ(steps[r], static_cast<Real>(step));
-          ASSERT_EQ(touched[r], 0);
           for (size_t i = features * r; i < features * (r + 1); ++i) {
             ASSERT_EQ(s.gradient[i], 0);
             const ExactStep want(options, step, before.gradient[i], before.m[i], before.v[i],
@@ -157,14 +152,14 @@ TEST(Adam, RowsTouchedEveryStepEqualDense) {
     std::fill(rows.m.begin(), rows.m.end(), 0.0_r);
     std::fill(rows.v.begin(), rows.v.end(), 0.0_r);
     State dense = rows;
-    AlignedArray<uint8_t> touched(kRows);
     std::vector<Real> steps(kRows);
     for (int step = 1; step <= kSteps; ++step) {
       for (size_t i = 0; i < kSize; ++i)
         rows.gradient[i] = dense.gradient[i] = uniform(random, -1, 1);
-      std::fill(touched.begin(), touched.end(), uint8_t{1});
-      RowStates states(4, rows.gradient, rows.m, rows.v, steps);
-      adam_rows(options, 4, kRows, touched.data(), states.data(), rows.w.data(),
+      RowStates states(kRows, 4);
+      states.set(rows.gradient, rows.m, rows.v, steps);
+      for (size_t row = 0; row < kRows; ++row) states.touch(row);
+      adam_rows(options, 4, states.list.rows, states.list.count, states.data(), rows.w.data(),
                 correction.data());
       states.take(rows.gradient, rows.m, rows.v, steps);
       adam_dense(options, step, kSize, dense.gradient.data(), dense.m.data(), dense.v.data(),

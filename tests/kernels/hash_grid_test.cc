@@ -8,6 +8,7 @@
 
 #include "golden/golden.h"
 #include "kernels/kernel_test.h"
+#include "kernels/row_states.h"
 #include "math/worst_error.h"
 #include "nerf/math/reference/hash_grid.h"
 
@@ -98,13 +99,20 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
         Matrix g(level.features, n, random, -1, 1, Matrix::Padding::kZero);
         for (int64_t s = 0; s < n; s += 3)  // a third of the samples has no gradient
           for (int f = 0; f < level.features; ++f) g.at(f, s) = 0;
-        AlignedArray<Real> gradient(size_of(level));
-        AlignedArray<uint8_t> touched(level.entries);
-        // Some rows already hold a gradient from an earlier chunk.
+        RowStates states(level.entries, level.features);
+        // Some rows already hold a gradient from an earlier chunk, and some of those are listed.
+        std::vector<Real> gradient(size_of(level));
         std::vector<double> want(gradient.size());
         for (size_t i = 0; i < gradient.size(); i += 7) want[i] = gradient[i] = 0.25_r;
+        states.set(kRowGradient, gradient);
+        for (size_t row = 0; row < level.entries; row += 14) states.touch(row);
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), n,
-                           g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
+                           g.data.data(), g.ld, states.data(), states.list);
+        gradient = states.part(kRowGradient);
+        std::vector<int> touched(level.entries);
+        for (const uint32_t row : states.touched()) ++touched.at(row);
+        for (const RowPart part : {kRowM, kRowV, kRowSteps})
+          for (const Real x : states.part(part)) ASSERT_EQ(x, 0);
 
         std::vector<double> size = want;  // sum of magnitudes, for the tolerance
         std::vector<double> most(level.entries);
@@ -126,7 +134,8 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
           }
         }
         for (uint32_t row = 0; row < level.entries; ++row) {
-          ASSERT_LE(touched[row], 1);
+          ASSERT_LE(touched[row], 1) << "row " << row << " is listed twice";
+          ASSERT_EQ(states.listed(row), touched[row] == 1) << "row " << row;
           double sum = 0;
           for (size_t f = 0; f < features; ++f) {
             const size_t i = row * features + f;
@@ -167,18 +176,15 @@ TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
         for (int f = 0; f < level.features; ++f)
           for (int64_t s = 0; s < g.padded; ++s)
             g.at(f, s) = f == feature && s == 21 ? 1e-30_r : s % 2 ? 0.0_r : -0.0_r;
-        AlignedArray<Real> gradient(size_of(level));
-        AlignedArray<uint8_t> touched(level.entries);
+        RowStates states(level.entries, level.features);
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), 48,
-                           g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
-        int flags = 0;
-        for (uint8_t t : touched) flags += t;
+                           g.data.data(), g.ld, states.data(), states.list);
         if (feature < 0) {
-          EXPECT_EQ(flags, 0);
-          for (Real v : gradient) ASSERT_EQ(v, 0);
+          EXPECT_EQ(states.list.count, 0);
+          for (Real v : states.part(kRowGradient)) ASSERT_EQ(v, 0);
         } else {
-          EXPECT_GE(flags, 1);
-          EXPECT_LE(flags, 8);
+          EXPECT_GE(states.list.count, 1);
+          EXPECT_LE(states.list.count, 8);
         }
       }
     }
@@ -201,10 +207,10 @@ TEST(HashGrid, CornersMatchGolden) {
           p.at(i, s) = static_cast<Real>(v[4 + static_cast<size_t>(i)]);
       for (int f = 0; f < level.features; ++f)
         for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0_r : 0.0_r;
-      AlignedArray<Real> gradient(size_of(level));
-      AlignedArray<uint8_t> touched(level.entries);
+      RowStates states(level.entries, level.features);
       hash_grid_backward(level, p.data.data(), p.data.data() + p.ld, p.data.data() + 2 * p.ld, 1,
-                         g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
+                         g.data.data(), g.ld, states.data(), states.list);
+      const std::vector<Real> gradient = states.part(kRowGradient);
       std::vector<std::pair<uint32_t, Real>> rows;  // expected sums; corners may share a row
       double flagged = 0, expected = 0;
       for (size_t c = 0; c < 8; ++c) {

@@ -44,6 +44,20 @@ class RowStates {
     for (size_t i = 0; i < out.size(); ++i) out[i] = at(i / count, part, i % count);
     return out;
   }
+  void set(std::span<const Real> gradient, std::span<const Real> m, std::span<const Real> v,
+           std::span<const Real> steps) {
+    set(kRowGradient, gradient);
+    set(kRowM, m);
+    set(kRowV, v);
+    set(kRowSteps, steps);
+  }
+  void take(std::span<Real> gradient, std::span<Real> m, std::span<Real> v,
+            std::span<Real> steps) {
+    std::ranges::copy(part(kRowGradient), gradient.begin());
+    std::ranges::copy(part(kRowM), m.begin());
+    std::ranges::copy(part(kRowV), v.begin());
+    std::ranges::copy(part(kRowSteps), steps.begin());
+  }
   void set(RowPart part, std::span<const Real> values) {
     const size_t count = numbers(part);
     for (size_t i = 0; i < values.size(); ++i) at(i / count, part, i % count) = values[i];

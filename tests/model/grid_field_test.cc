@@ -252,8 +252,6 @@ TEST(GridField, FeaturesOfAConeAreMeans) {
 
     // <gradient by features, features> = <gradient by rows, rows>.
     const Matrix gradient(field.shape.features(), kSamples, random, -1, 1, Matrix::Padding::kZero);
-    AlignedArray<Real> of_rows(field.table.size());
-    AlignedArray<uint8_t> touched(field.shape.rows);
     double by_features = 0, by_rows = 0, size = 0;
     for (int f = 0; f < field.shape.features(); ++f)
       for (int i = 0; i < kSamples; ++i) {
@@ -265,12 +263,15 @@ TEST(GridField, FeaturesOfAConeAreMeans) {
     Matrix changed = gradient;
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
+      RowStates states(level.entries, level.features);
       encode_level_backward(field, l, points, kSamples,
                             changed.data.data() + static_cast<int64_t>(l) * level.features * got.ld,
-                            got.ld, {of_rows.data() + level.begin(), level.features}, touched.data() + level.offset);
+                            got.ld, states.data(), states.list);
+      const std::vector<Real> of_rows = states.part(kRowGradient);
+      for (size_t i = 0; i < of_rows.size(); ++i)
+        by_rows +=
+            static_cast<double>(of_rows[i]) * static_cast<double>(field.table[level.begin() + i]);
     }
-    for (size_t i = 0; i < of_rows.size(); ++i)
-      by_rows += static_cast<double>(of_rows[i]) * static_cast<double>(field.table[i]);
     EXPECT_NEAR(by_rows, by_features, 100 * kRoundoff * size);
     EXPECT_GT(size, 10);
   }

@@ -74,8 +74,8 @@ struct TinyRun {
     const auto values = golden_draw(9, field.table.size());
     for (size_t i = 0; i < values.size(); ++i) field.table[i] = (2 * values[i] - 1) / 2;
     for (auto* a : {&gradient, &m, &v}) *a = AlignedArray<Real>(field.weights.size());
-    states = AlignedArray<Real>(kRowParts * field.table.size());
-    touched = AlignedArray<uint8_t>(field.shape.rows);
+    for (const HashGridLevel& level : field.shape.levels)
+      states.push_back(std::make_unique<RowStates>(level.entries, level.features));
     correction.resize(2 * kBiasCorrections);
     bias_corrections(adam_step(), correction.data());
   }
@@ -124,16 +124,19 @@ struct TinyRun {
       hash_grid_backward(
           level, x, y, z, chunk.samples,
           chunk.gradient(tape.features) + static_cast<int64_t>(l) * level.features * ld, ld,
-          RowGradients{states.data(), kRowParts * level.features}.from(level.offset),
-          touched.data() + level.offset);
+          states[l]->data(), states[l]->list);
     }
 
     AdamStep options = adam_step();
     adam_dense(options, s + 1, static_cast<int64_t>(field.weights.size()), gradient.data(),
                m.data(), v.data(), field.weights.data());
     options.l2 = 0;
-    adam_rows(options, field.shape.features_per_entry(), static_cast<int64_t>(field.shape.rows),
-              touched.data(), states.data(), field.table.data(), correction.data());
+    for (size_t l = 0; l < field.shape.levels.size(); ++l) {
+      const HashGridLevel& level = field.shape.levels[l];
+      adam_rows(options, level.features, states[l]->list.rows, states[l]->list.count,
+                states[l]->data(), field.table.data() + level.begin(), correction.data());
+      states[l]->list.count = 0;
+    }
     return chunk.loss;
   }
 
@@ -167,8 +170,7 @@ struct TinyRun {
   Chunk chunk;
   std::vector<LinearWeights> all_layers;
   AlignedArray<Real> gradient, m, v;
-  AlignedArray<Real> states;  // of the table's rows, kernels/adam.h
-  AlignedArray<uint8_t> touched;
+  std::vector<std::unique_ptr<RowStates>> states;  // of each level
   std::vector<Real> correction;
   int learning = 0, all = 0;  // samples
 };
@@ -205,8 +207,7 @@ void expect_golden_run(const char* file, Variant variant) {
     // Rows had steps of their own: some missed one.
     EXPECT_EQ(run.learning < run.all, variant == Variant::kRoulette);
     Real least = kSteps;
-    for (size_t r = 0; r < run.touched.size(); ++r)
-      least = std::min(least, run.states[(r * kRowParts + kRowSteps) * 4]);
+    for (const auto& states : run.states) least = std::min(least, std::ranges::min(states->part(kRowSteps)));
     EXPECT_LT(least, kSteps);
   });
   loss.report();

@@ -49,12 +49,12 @@ void step_all(int features, const AdamStep& options, int64_t step, State& s) {
   std::vector<Real> correction(2 * kBiasCorrections);
   bias_corrections(options, correction.data());
   const size_t rows = n / static_cast<size_t>(features);
-  AlignedArray<uint8_t> touched(rows);
   std::vector<Real> steps(rows, static_cast<Real>(std::min<int64_t>(step - 1, 65535)));
-  for (uint8_t& t : touched) t = 1;
-  RowStates states(features, s.gradient, s.m, s.v, steps);
-  adam_rows(options, features, static_cast<int64_t>(rows), touched.data(), states.data(),
-            s.w.data(), correction.data());
+  RowStates states(rows, features);
+  states.set(s.gradient, s.m, s.v, steps);
+  for (size_t row = 0; row < rows; ++row) states.touch(row);
+  adam_rows(options, features, states.list.rows, states.list.count, states.data(), s.w.data(),
+            correction.data());
   states.take(s.gradient, s.m, s.v, steps);
   for (Real t : steps) ASSERT_EQ(t, static_cast<Real>(std::min<int64_t>(step, 65535)));
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "kernels/kernel_test.h"
+#include "kernels/row_states.h"
 #include "math/worst_error.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/reference/hash_grid.h"
@@ -161,16 +162,16 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
         for (int64_t s = 0; s < clamped.p.padded; ++s)
           clamped.p.at(i, s) = std::clamp(clamped.p.at(i, s), 0.0_r, 1.0_r);
       Matrix g(level.features, 512, random, -1, 1);
-      std::vector<AlignedArray<Real>> gradients;
+      std::vector<std::vector<Real>> gradients;
       Matrix features[2] = {{level.features, 512}, {level.features, 512}};
       for (int k = 0; k < 2; ++k) {
         const Places& p = k ? clamped : places;
         hash_grid_forward(level, table.data(), p.row(0), p.row(1), p.row(2), 512,
                           features[k].data.data(), features[k].ld);
-        gradients.emplace_back(table.size());
-        AlignedArray<uint8_t> touched(level.entries);
+        RowStates states(level.entries, level.features);
         hash_grid_backward(level, p.row(0), p.row(1), p.row(2), 512, g.data.data(), g.ld,
-                           {gradients.back().data(), level.features}, touched.data());
+                           states.data(), states.list);
+        gradients.push_back(states.part(kRowGradient));
       }
       for (int f = 0; f < level.features; ++f)
         for (int64_t s = 0; s < 512; ++s)
@@ -193,13 +194,13 @@ TEST(StressHashGrid, GradientsOfEveryMagnitudeArrive) {
           const size_t features = static_cast<size_t>(level.features);
           const Places places(level, kSamples, random);
           Matrix g(level.features, kSamples, random, 0.1 * size, size, Matrix::Padding::kZero);
-          AlignedArray<Real> gradient(size_of(level));
-          AlignedArray<uint8_t> touched(level.entries);
+          RowStates states(level.entries, level.features);
           {
             const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
             hash_grid_backward(level, places.row(0), places.row(1), places.row(2), kSamples,
-                               g.data.data(), g.ld, {gradient.data(), level.features}, touched.data());
+                               g.data.data(), g.ld, states.data(), states.list);
           }
+          const std::vector<Real> gradient = states.part(kRowGradient);
           for (size_t f = 0; f < features; ++f) {
             double sent = 0, arrived = 0;
             for (int64_t s = 0; s < kSamples; ++s) sent += double{g.at(static_cast<int>(f), s)};

@@ -61,10 +61,17 @@ struct Chunk {
   };
   Roulette roulette;
   double loss = 0;  // added to by loss operations
+  struct Bound {
+    Real *data = nullptr, *gradient = nullptr;
+  };
+  std::vector<Bound> bound;  // of each value, see bind()
 
   Real* data(Value v);
   const Real* data(Value v) const;
   Real* gradient(Value v);
+  // Where the values of an input, and its gradient if it has one, are from now on: memory of the
+  // caller's [rows x stride(v)], aligned to 64 bytes; null for the chunk's own. Spares a copy.
+  void bind(Value v, Real* data, Real* gradient);
   int64_t stride(Value v) const;  // floats between rows
   int64_t count(Value v) const;   // columns in use
 };

@@ -7,6 +7,7 @@
 // distribution of where matter is without asking the network.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -19,6 +20,13 @@
 #include "nerf/math/vec.h"
 
 namespace nerf {
+
+// std::floor() of what fits into an int, without the many steps that older instructions need for
+// it.
+inline int floor_int(Real x) {
+  const int truncated = static_cast<int>(x);
+  return truncated - (x < static_cast<Real>(truncated));
+}
 
 class OccupancyGrid {
  public:
@@ -33,14 +41,31 @@ class OccupancyGrid {
   // Bricks of 4^3 cells per axis: the occupancy of one is a 64-bit mask.
   int bricks() const { return side_ / 4; }
   int64_t cells() const { return int64_t{side_} * side_ * side_; }  // of one cascade
-  Real cell_width(int cascade) const {
-    return std::ldexp(2.0_r / static_cast<Real>(side_), cascade);
-  }
+  Real cell_width(int cascade) const { return cell_widths_[static_cast<size_t>(cascade)]; }
 
   // Finest cascade that holds p; cascades() where none does.
-  int cascade_of(const Vec3& p) const;
+  int cascade_of(const Vec3& p) const {
+    int c = 0;
+    Real half = 1;
+    // Lower borders belong to a cascade, upper ones do not: the same rule by which a cell holds
+    // points.
+    const auto holds = [&](Real v) { return v >= -half && v < half; };
+    while (c < cascades_ && !(holds(p.x) && holds(p.y) && holds(p.z))) {
+      half *= 2;
+      ++c;
+    }
+    return c;
+  }
   // Cell of p, which cascade c must hold. Cells are stored brick by brick.
-  int64_t cell_of(const Vec3& p, int cascade) const;
+  int64_t cell_of(const Vec3& p, int cascade) const {
+    const Real scale = 1.0_r / cell_width(cascade), half = static_cast<Real>(side_ / 2);
+    int at[3];
+    for (int i = 0; i < 3; ++i)
+      at[i] = std::min(floor_int(std::clamp(p[i] * scale, -half, half)) + side_ / 2, side_ - 1);
+    const int64_t n = bricks();
+    const int64_t brick = ((at[2] >> 2) * n + (at[1] >> 2)) * n + (at[0] >> 2);
+    return brick * 64 + ((at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3));
+  }
   Vec3 cell_corner(int64_t cell, int cascade) const;  // its least corner
 
   // Training state. A cell that is off is never refreshed: no camera sees it.
@@ -50,7 +75,17 @@ class OccupancyGrid {
 
   // Takes in the opacity seen at one random point of a cell: a running mean over its points, so
   // that matter which fills little of a cell is not lost between two hits.
-  void observe(int cascade, int64_t cell, Real seen);
+  void observe(int cascade, int64_t cell, Real seen) { observe(index(cascade, cell), seen); }
+  // The same of a cell numbered among those of all cascades: cascade * cells() + cell.
+  void observe(size_t cell_of_all, Real seen) {
+    Real& a = opacity_[cell_of_all];
+    if (a < 0 || !(seen >= 0)) return;
+    a += kShare * (seen - a);
+  }
+  // Asks for the memory that observe() will change.
+  void prefetch_memory(size_t cell_of_all) const {
+    __builtin_prefetch(opacity_.data() + cell_of_all, 1, 3);
+  }
 
   // Rebuilds the quantised opacities and brick masks that rays are marched through: empty are cells
   // below min(threshold, mean opacity of those switched on), except the neighbours of solid ones.
@@ -96,6 +131,8 @@ class OccupancyGrid {
 
  private:
   static constexpr Real kOff = -1;
+  static constexpr Real kShare = 0.15_r;  // of a cell's memory that one point replaces
+  static constexpr int kMostCascades = 16;
   size_t index(int cascade, int64_t cell) const {
     return static_cast<size_t>(cascade) * static_cast<size_t>(cells()) + static_cast<size_t>(cell);
   }
@@ -106,6 +143,7 @@ class OccupancyGrid {
   void measure_clearance(int cascade);
 
   int cascades_, side_;
+  std::array<Real, kMostCascades> cell_widths_{};
   AlignedArray<Real> opacity_;
   AlignedArray<uint8_t> levels_;  // 0 = empty; else opacity = (level / 255)^2
   std::vector<uint64_t> masks_, solid_;
