@@ -90,6 +90,31 @@ void add(int64_t n, const float* x, float* y) {
   });
 }
 
+// Squares of four by four; what is left over one by one.
+void transposed(int64_t n, int64_t rows, const float* HWY_RESTRICT x, int64_t ldx,
+                float* HWY_RESTRICT y, int64_t ldy) {
+  const hn::CappedTag<float, 4> d;
+  const hn::Repartition<double, decltype(d)> d2;
+  const int64_t whole_n = hn::Lanes(d) == 4 ? n / 4 * 4 : 0, whole_rows = rows / 4 * 4;
+  for (int64_t k = 0; k < whole_rows; k += 4)
+    for (int64_t s = 0; s < whole_n; s += 4) {
+      const float* from = x + k * ldx + s;
+      float* to = y + s * ldy + k;
+      const auto a = hn::LoadU(d, from), b = hn::LoadU(d, from + ldx);
+      const auto c = hn::LoadU(d, from + 2 * ldx), e = hn::LoadU(d, from + 3 * ldx);
+      const auto ab_low = hn::BitCast(d2, hn::InterleaveLower(d, a, b));
+      const auto ab_high = hn::BitCast(d2, hn::InterleaveUpper(d, a, b));
+      const auto ce_low = hn::BitCast(d2, hn::InterleaveLower(d, c, e));
+      const auto ce_high = hn::BitCast(d2, hn::InterleaveUpper(d, c, e));
+      hn::StoreU(hn::BitCast(d, hn::InterleaveLower(d2, ab_low, ce_low)), d, to);
+      hn::StoreU(hn::BitCast(d, hn::InterleaveUpper(d2, ab_low, ce_low)), d, to + ldy);
+      hn::StoreU(hn::BitCast(d, hn::InterleaveLower(d2, ab_high, ce_high)), d, to + 2 * ldy);
+      hn::StoreU(hn::BitCast(d, hn::InterleaveUpper(d2, ab_high, ce_high)), d, to + 3 * ldy);
+    }
+  for (int64_t k = 0; k < rows; ++k)
+    for (int64_t s = k < whole_rows ? whole_n : 0; s < n; ++s) y[s * ldy + k] = x[k * ldx + s];
+}
+
 }  // namespace
 }  // namespace HWY_NAMESPACE
 }  // namespace nerf
@@ -97,6 +122,7 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace nerf {
+HWY_EXPORT(transposed);
 HWY_EXPORT(exp_forward);
 HWY_EXPORT(exp_backward);
 HWY_EXPORT(sigmoid);
@@ -128,6 +154,9 @@ void softplus_backward(int64_t n, float shift, const float* x, const float* dy, 
 void relu_forward(int64_t n, const float* x, float* y) { HWY_DYNAMIC_DISPATCH(relu)(n, x, y); }
 void opacity(int64_t n, const float* density, const float* delta, float* out) {
   HWY_DYNAMIC_DISPATCH(alpha)(n, density, delta, out);
+}
+void transpose(int64_t n, int64_t rows, const float* x, int64_t ldx, float* y, int64_t ldy) {
+  HWY_DYNAMIC_DISPATCH(transposed)(n, rows, x, ldx, y, ldy);
 }
 void add_to(int64_t n, const float* x, float* y) { HWY_DYNAMIC_DISPATCH(add)(n, x, y); }
 }  // namespace nerf

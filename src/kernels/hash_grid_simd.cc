@@ -137,15 +137,24 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
                    int64_t ld) {
   const Row<F> d;
   const hn::CappedTag<float, 4> d4;
+  constexpr hn::CappedTag<float, 2 * F> pair;
   constexpr int kShift = F == 4 ? 2 : 1;
   each_group<kDense, kShift>(level, table, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
     alignas(64) float sum[kGroup * F];
     for (int i = 0; i < kGroup; ++i) {
       auto low = hn::Zero(d), high = hn::Zero(d);
-      for (int k = 0; k < 4; ++k) {
-        const auto weight = hn::Set(d, c.weight[k][i]);
-        low = hn::MulAdd(weight, hn::Load(d, table + c.low[k][i]), low);
-        high = hn::MulAdd(weight, hn::Load(d, table + high_row<kDense, kShift>(c, k, i)), high);
+      if constexpr (kDense && hn::MaxLanes(pair) == 2 * F) {
+        auto both = hn::Zero(pair);  // the rows of a pair are neighbours
+        for (int k = 0; k < 4; ++k)
+          both = hn::MulAdd(hn::Set(pair, c.weight[k][i]), hn::LoadU(pair, table + c.low[k][i]), both);
+        low = hn::LowerHalf(d, both);
+        high = hn::UpperHalf(d, both);
+      } else {
+        for (int k = 0; k < 4; ++k) {
+          const auto weight = hn::Set(d, c.weight[k][i]);
+          low = hn::MulAdd(weight, hn::Load(d, table + c.low[k][i]), low);
+          high = hn::MulAdd(weight, hn::Load(d, table + high_row<kDense, kShift>(c, k, i)), high);
+        }
       }
       high = hn::Mul(hn::Set(d, c.far[i]), high);
       hn::Store(hn::MulAdd(hn::Set(d, c.near[i]), low, high), d, sum + i * F);

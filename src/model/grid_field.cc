@@ -214,6 +214,16 @@ void place_points(const GridField& field, const ConeSample& sample, int64_t stri
   }
 }
 
+void place_samples(const GridField& field, const Vec3& entry, const Vec3& direction, const Real* t,
+                   int64_t n, Real* x, Real* y, Real* z) {
+  for (int64_t i = 0; i < n; ++i) {
+    const Vec3 g = field.grid_position(entry + direction * t[i]);
+    x[i] = g.x;
+    y[i] = g.y;
+    z[i] = g.z;
+  }
+}
+
 void encode_level(const GridField& field, size_t l, const GridPoints& points, int64_t n,
                   Real* features, int64_t ld) {
   const HashGridLevel& level = field.shape.levels[l];

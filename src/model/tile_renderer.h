@@ -54,6 +54,8 @@ class TileRenderer {
     chunk_.packs = shading_.packs = &packs;
     const size_t points = static_cast<size_t>(field.options.cone_points) * kChunkSamples;
     for (auto* a : {&x_, &y_, &z_, &spread_}) *a = AlignedArray<Real>(points);
+    for (auto* a : {&geometry_, &shaded_geometry_})
+      *a = AlignedArray<Real>(kChunkSamples * geometry_features());
     ray_begin_.resize(kChunkRays + 1);
     shaded_begin_.resize(kChunkRays + 1);
   }
@@ -171,7 +173,7 @@ class TileRenderer {
   // nevertheless.
   void ask() {
     constexpr size_t kStretch = 6;  // samples
-    geometry_sums_.assign(rays_.size() * geometry_features(), 0.0);
+    geometry_sums_.assign(rays_.size() * geometry_features(), 0.0_r);
     waiting_.resize(rays_.size());
     std::iota(waiting_.begin(), waiting_.end(), size_t{0});
     while (!waiting_.empty()) {
@@ -193,35 +195,41 @@ class TileRenderer {
   void add_part(size_t r, size_t until) {
     constexpr int64_t lr = kChunkRays;
     TileRay& ray = rays_[r];
-    Real* delta = chunk_.data(tape_.delta);
-    ConeSample sample{ray.entry, ray.direction};
-    sample.radius = ray.radius;
     part_ray_[parts_] = r;
     part_first_[parts_] = ray.next;
     ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
-    for (; ray.next < until && samples_used_ < kChunkSamples; ++ray.next, ++samples_used_) {
-      const size_t at = static_cast<size_t>(samples_used_);
-      sample.t = t_[ray.next];
-      sample.delta = delta_[ray.next];
-      sample.distance = static_cast<Real>(ray.start) + sample.t;
-      // Neighbours wind against each other, half a step apart.
-      if ((ray.next - ray.begin) % 2 == 1) {
-        sample.reversed = true;
-        sample.cosine = std::sqrt(3.0_r) / 2;
-        sample.sine = 0.5_r;
-      } else {
-        sample.reversed = false;
-        sample.cosine = 1;
-        sample.sine = 0;
-      }
-      place_points(field_, sample, kChunkSamples, x_.data() + at, y_.data() + at, z_.data() + at,
-                   field_.options.antialias ? spread_.data() + at : nullptr);
-      delta[at] = sample.delta;
-    }
+    const size_t n = std::min(until - ray.next, static_cast<size_t>(kChunkSamples - samples_used_));
+    const size_t at = static_cast<size_t>(samples_used_);
+    std::copy_n(delta_.data() + ray.next, n, chunk_.data(tape_.delta) + at);
+    if (field_.options.sees_cones())
+      place_cones(ray, n);
+    else
+      place_samples(field_, ray.entry, ray.direction, t_.data() + ray.next, static_cast<int64_t>(n),
+                    x_.data() + at, y_.data() + at, z_.data() + at);
+    ray.next += n;
+    samples_used_ += static_cast<int>(n);
     Real* directions = chunk_.data(tape_.directions);
     for (int k = 0; k < 3; ++k) directions[k * lr + parts_] = ray.direction[k];
     ++parts_;
     ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
+  }
+
+  // The points of the ray's next n samples.
+  void place_cones(const TileRay& ray, size_t n) {
+    ConeSample sample{ray.entry, ray.direction};
+    sample.radius = ray.radius;
+    for (size_t i = ray.next; i < ray.next + n; ++i) {
+      const size_t at = static_cast<size_t>(samples_used_) + i - ray.next;
+      sample.t = t_[i];
+      sample.delta = delta_[i];
+      sample.distance = static_cast<Real>(ray.start) + sample.t;
+      // Neighbours wind against each other, half a step apart.
+      sample.reversed = (i - ray.begin) % 2 == 1;
+      sample.cosine = sample.reversed ? std::sqrt(3.0_r) / 2 : 1;
+      sample.sine = sample.reversed ? 0.5_r : 0;
+      place_points(field_, sample, kChunkSamples, x_.data() + at, y_.data() + at, z_.data() + at,
+                   field_.options.antialias ? spread_.data() + at : nullptr);
+    }
   }
 
   void flush() {
@@ -246,46 +254,60 @@ class TileRenderer {
     tape_.forward_density(chunk_);
     Real* alphas = alphas_.data();
     opacity(samples_used_, chunk_.data(tape_.density), delta, alphas);
-    const Real* geometry = chunk_.data(tape_.geometry);
-    const bool per_ray = field_.options.colour_per_ray;
+    const size_t features = geometry_features();
+    transpose(samples_used_, static_cast<int64_t>(features), chunk_.data(tape_.geometry),
+              chunk_.stride(tape_.geometry), geometry_.data(), static_cast<int64_t>(features));
     statistics_.density_evaluations += samples_used_;
-    for (int part = 0; part < parts_; ++part) {
-      const size_t r = part_ray_[part];
-      TileRay& ray = rays_[r];
-      const int begin = ray_begin_[static_cast<size_t>(part)];
-      const int end = ray_begin_[static_cast<size_t>(part) + 1];
-      for (int i = begin; i < end; ++i) {
-        const double alpha = alphas[i];
-        const Real w = static_cast<Real>(ray.transmittance * alpha);
-        if (!per_ray && ray.unshaded + w <= options_.unshaded) {
-          ray.unshaded += w;
-        } else {
-          if (!per_ray && ray.shared + w > options_.shared_colour) add_shaded(r);
-          ray.shared += w;
-          double* sums = geometry_sums_.data() + r * geometry_features();
-          for (size_t f = 0; f < geometry_features(); ++f)
-            sums[f] += static_cast<double>(w) *
-                       static_cast<double>(geometry[f * kChunkSamples + static_cast<size_t>(i)]);
-        }
-        ray.transmittance *= 1 - alpha;
-        if (ray.median < 0 && ray.transmittance <= 0.5)
-          ray.median = t_[part_first_[part] + static_cast<size_t>(i - begin)];
-        // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
-        if (ray.transmittance < options_.stop_transmittance) break;
-      }
-      if (ray.next < ray.end && !(ray.transmittance < options_.stop_transmittance)) continue;
-      if (!per_ray || 1 - ray.transmittance > options_.unshaded) add_shaded(r);
-      finish(ray);
-    }
+    for (int part = 0; part < parts_; ++part) composite(part, alphas);
     parts_ = samples_used_ = 0;
+  }
+
+  // Takes in what the network said of a part of a ray.
+  void composite(int part, const Real* alphas) {
+    const bool per_ray = field_.options.colour_per_ray;
+    const size_t features = geometry_features(), r = part_ray_[part];
+    TileRay& ray = rays_[r];
+    Real* const sums = geometry_sums_.data() + r * features;
+    const int begin = ray_begin_[static_cast<size_t>(part)];
+    const int end = ray_begin_[static_cast<size_t>(part) + 1];
+    // In registers: a store to the sums might change what lies in memory.
+    double transmittance = ray.transmittance;
+    Real unshaded = ray.unshaded, shared = ray.shared;
+    for (int i = begin; i < end; ++i) {
+      const double alpha = alphas[i];
+      const Real w = static_cast<Real>(transmittance * alpha);
+      if (!per_ray && unshaded + w <= options_.unshaded) {
+        unshaded += w;
+      } else {
+        if (!per_ray && shared + w > options_.shared_colour) {
+          add_shaded(r, shared);
+          shared = 0;
+        }
+        shared += w;
+        const Real* geometry = geometry_.data() + static_cast<size_t>(i) * features;
+        for (size_t f = 0; f < features; ++f) sums[f] += w * geometry[f];
+      }
+      transmittance *= 1 - alpha;
+      if (ray.median < 0 && transmittance <= 0.5)
+        ray.median = t_[part_first_[part] + static_cast<size_t>(i - begin)];
+      // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
+      if (transmittance < options_.stop_transmittance) break;
+    }
+    ray.transmittance = transmittance;
+    ray.unshaded = unshaded;
+    ray.shared = shared;
+    if (ray.next < ray.end && !(transmittance < options_.stop_transmittance)) return;
+    if (!per_ray || 1 - transmittance > options_.unshaded) add_shaded(r, shared);
+    finish(ray);
   }
 
   size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }
 
-  // The features that a ray's samples have summed wait for the colour network with others.
-  void add_shaded(size_t r) {
-    TileRay& ray = rays_[r];
-    if (!(ray.shared > 0)) return;
+  // The features that a ray's samples have summed, of weight `shared`, wait for the colour network
+  // with others.
+  void add_shaded(size_t r, Real shared) {
+    const TileRay& ray = rays_[r];
+    if (!(shared > 0)) return;
     if (shaded_ == kChunkSamples) shade();
     const bool same_ray =
         shaded_rays_ > 0 && shaded_pixel_[static_cast<size_t>(shaded_ - 1)] == ray.pixel;
@@ -296,15 +318,16 @@ class TileRenderer {
     }
     // One colour for the whole ray is that of the sum, not of the mean.
     const bool per_ray = field_.options.colour_per_ray;
-    const double scale = per_ray ? 1 : 1 / static_cast<double>(ray.shared);
-    Real* to = shading_.data(tape_.geometry) + shaded_;
-    double* sums = geometry_sums_.data() + r * geometry_features();
-    for (size_t f = 0; f < geometry_features(); ++f)
-      to[f * kChunkSamples] = static_cast<Real>(std::exchange(sums[f], 0.0) * scale);
+    const Real scale = per_ray ? 1 : 1 / shared;
+    Real* to = shaded_geometry_.data() + static_cast<size_t>(shaded_) * geometry_features();
+    Real* sums = geometry_sums_.data() + r * geometry_features();
+    for (size_t f = 0; f < geometry_features(); ++f) {
+      to[f] = sums[f] * scale;
+      sums[f] = 0;
+    }
     shaded_pixel_[static_cast<size_t>(shaded_)] = ray.pixel;
     shaded_weight_[static_cast<size_t>(shaded_)] =
-        per_ray ? static_cast<Real>(1 - ray.transmittance) : ray.shared;
-    ray.shared = 0;
+        per_ray ? static_cast<Real>(1 - ray.transmittance) : shared;
     ++shaded_;
   }
 
@@ -315,6 +338,9 @@ class TileRenderer {
     shading_.samples = shaded_;
     shading_.rays = shaded_rays_;
     shading_.ray_begin = shaded_begin_.data();
+    const int64_t features = static_cast<int64_t>(geometry_features());
+    transpose(features, shaded_, shaded_geometry_.data(), features, shading_.data(tape_.geometry),
+              shading_.stride(tape_.geometry));
     tape_.forward_colour(shading_);
     const Real* colour = shading_.data(tape_.colour);
     for (int i = 0; i < shaded_; ++i) {
@@ -357,7 +383,9 @@ class TileRenderer {
   std::vector<TileRay> rays_;
   std::vector<Real> t_, delta_;
   std::vector<size_t> waiting_;        // rays that are not finished
-  std::vector<double> geometry_sums_;  // of each ray: features times weights, to be shaded
+  std::vector<Real> geometry_sums_;  // of each ray: features times weights, to be shaded
+  // [kChunkSamples][geometry_features()]: of the chunk's samples, and of what waits for a colour.
+  AlignedArray<Real> geometry_, shaded_geometry_;
   // Of the chunk: parts of rays.
   size_t part_ray_[kChunkRays], part_first_[kChunkRays];  // which ray's, and its first sample
   std::vector<int32_t> ray_begin_;

@@ -256,20 +256,26 @@ void RayBatchMaker::place_samples(ConeSample& sample, Real start, const RaySampl
   block.cell_width.resize(end);
   if (intervals_)
     for (auto* v : {&block.middle, &block.width}) v->resize(end);
+  if (!field_.options.sees_cones())
+    nerf::place_samples(field_, sample.entry, sample.direction, samples.t.data(),
+                        static_cast<int64_t>(end - first), block.x.data() + first,
+                        block.y.data() + first, block.z.data() + first);
   const OccupancyGrid& grid = field_.occupancy;
   for (size_t s = first; s < end; ++s) {
     sample.t = samples.t[s - first];
     sample.delta = samples.delta[s - first];
     sample.distance = start + sample.t;
-    if (points > 1) {
+    if (field_.options.cone_points > 1) {
       const Real turn = 2 * std::numbers::pi_v<Real> * random.uniform();
       sample.cosine = std::cos(turn);
       sample.sine = std::sin(turn);
       sample.reversed = random.uniform() < 0.5_r;
     }
-    const size_t at = s * points;
-    place_points(field_, sample, 1, block.x.data() + at, block.y.data() + at, block.z.data() + at,
-                 field_.options.antialias ? block.spread.data() + at : nullptr);
+    if (field_.options.sees_cones()) {
+      const size_t at = s * points;
+      place_points(field_, sample, 1, block.x.data() + at, block.y.data() + at, block.z.data() + at,
+                   field_.options.antialias ? block.spread.data() + at : nullptr);
+    }
     if (intervals_) {
       const Real inverse = 1 / (1 + sample.distance);
       block.middle[s] = 1 - inverse;

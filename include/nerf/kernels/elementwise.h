@@ -31,6 +31,9 @@ void relu_forward(int64_t n, const Real* x, Real* y);
 inline constexpr Real kLongestInterval = 1e10_r;
 void opacity(int64_t n, const Real* density, const Real* delta, Real* alpha);
 
+// y[s * ldy + k] = x[k * ldx + s] for s < n and k < rows.
+void transpose(int64_t n, int64_t rows, const Real* x, int64_t ldx, Real* y, int64_t ldy);
+
 // y += x
 void add_to(int64_t n, const Real* x, Real* y);
 

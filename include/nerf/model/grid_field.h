@@ -202,6 +202,10 @@ struct ConeSample {
 void place_points(const GridField& field, const ConeSample& sample, int64_t stride, Real* x,
                   Real* y, Real* z, Real* spread);
 
+// The same of a ray's n samples that see no cone, at entry + t direction each.
+void place_samples(const GridField& field, const Vec3& entry, const Vec3& direction, const Real* t,
+                   int64_t n, Real* x, Real* y, Real* z);
+
 // Points of a chunk's samples: the j-th of sample s at [j * stride + s]. `spread` may be null (0
 // everywhere). All are read up to the next multiple of kLane samples.
 struct GridPoints {

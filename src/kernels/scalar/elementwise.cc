@@ -52,6 +52,11 @@ void opacity(int64_t n, const Real* density, const Real* delta, Real* alpha) {
   });
 }
 
+void transpose(int64_t n, int64_t rows, const Real* x, int64_t ldx, Real* y, int64_t ldy) {
+  for (int64_t k = 0; k < rows; ++k)
+    for (int64_t s = 0; s < n; ++s) y[s * ldy + k] = x[k * ldx + s];
+}
+
 void add_to(int64_t n, const Real* x, Real* y) {
   each(n, y, [=](int64_t i) { return x[i] + y[i]; });
 }
