@@ -152,8 +152,8 @@ struct AdamRows {
 KernelRun adam_rows_run(uint64_t every) {
   auto adam = std::make_shared<AdamRows>(GridOptions().log2_entries, every);
   KernelRun run;
-  run.work = static_cast<double>(adam->touched.size() * 2 * (kRowParts + 1) *
-                                 AdamRows::kFeatures * sizeof(Real));
+  run.work = static_cast<double>(adam->touched.size() * 2 * (kRowParts + 1) * AdamRows::kFeatures *
+                                 sizeof(Real));
   run.ceiling = [adam](Ceilings& c) {
     return c.read((adam->states.size() + adam->weights.size()) * sizeof(Real));
   };

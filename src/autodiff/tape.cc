@@ -56,8 +56,7 @@ class Arena {
 
 }  // namespace
 
-Chunk::Chunk(const Tape& t)
-    : tape(&t), arena(t.arena_floats()), bound(t.values_.size()) {
+Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()), bound(t.values_.size()) {
   const size_t samples = static_cast<size_t>(t.capacity(Domain::kSamples));
   groups.of.resize(samples);
   groups.share.resize(samples);

@@ -146,7 +146,8 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
       if constexpr (kDense && hn::MaxLanes(pair) == 2 * F) {
         auto both = hn::Zero(pair);  // the rows of a pair are neighbours
         for (int k = 0; k < 4; ++k)
-          both = hn::MulAdd(hn::Set(pair, c.weight[k][i]), hn::LoadU(pair, table + c.low[k][i]), both);
+          both =
+              hn::MulAdd(hn::Set(pair, c.weight[k][i]), hn::LoadU(pair, table + c.low[k][i]), both);
         low = hn::LowerHalf(d, both);
         high = hn::UpperHalf(d, both);
       } else {
@@ -178,8 +179,8 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
 
 template <bool kDense, int F>
 void backward_level(const HashGridLevel& level, const float* x, const float* y, const float* z,
-                    int64_t n, const float* HWY_RESTRICT df, int64_t ld,
-                    float* HWY_RESTRICT states, RowList& touched) {
+                    int64_t n, const float* HWY_RESTRICT df, int64_t ld, float* HWY_RESTRICT states,
+                    RowList& touched) {
   const Row<F> d;
   const hn::CappedTag<float, 4> d4;
   constexpr int kShift = F == 4 ? 4 : 3;

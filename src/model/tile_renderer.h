@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "model/oblique_box.h"
+#include "model/tile_ray.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/renderer.h"
@@ -16,22 +17,6 @@
 #include "nerf/parts/ray_sampler.h"
 
 namespace nerf::internal {
-
-// A pixel's ray on its way through the network.
-struct TileRay {
-  int pixel = 0;
-  size_t begin = 0, end = 0;  // its samples among the tile's
-  size_t next = 0;            // the first that the network was not asked for yet
-  double transmittance = 1;   // a product of many 1 - alpha; in float thin matter loses its opacity
-  Real unshaded = 0;          // weight of the samples left without colour
-  Real shared = 0;            // weight of those whose features are summed for one colour
-  Real median = -1;           // distance at which half of the light is stopped
-  Vec3 entry, direction;      // of the march, engine coordinates
-  double start = 0;           // of the march, from the camera
-  Real forward = 1;           // cosine between ray and optical axis
-  Real radius = 0;            // of the pixel's cone at distance 1; GridOptions::sees_cones
-  bool finished = false;
-};
 
 // One thread's renderer of tiles.
 class TileRenderer {
@@ -382,7 +367,7 @@ class TileRenderer {
   // Of the tile: rays that meet matter, their samples one ray after the other.
   std::vector<TileRay> rays_;
   std::vector<Real> t_, delta_;
-  std::vector<size_t> waiting_;        // rays that are not finished
+  std::vector<size_t> waiting_;      // rays that are not finished
   std::vector<Real> geometry_sums_;  // of each ray: features times weights, to be shaded
   // [kChunkSamples][geometry_features()]: of the chunk's samples, and of what waits for a colour.
   AlignedArray<Real> geometry_, shaded_geometry_;

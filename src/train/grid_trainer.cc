@@ -284,18 +284,18 @@ void GridTrainer::update_table(int64_t levels_on) {
     RowList& touched = optimiser.touched[static_cast<size_t>(l)];
     touched.count = 0;
     for (int64_t c = 0; c < batch.chunks; ++c)
-      encode_level_backward(
-          field, static_cast<size_t>(l), points_of(c), chunk_kept[static_cast<size_t>(c)],
-          d_features.data() + (c * levels + l) * level.features * ld, ld, states_of(level), touched);
+      encode_level_backward(field, static_cast<size_t>(l), points_of(c),
+                            chunk_kept[static_cast<size_t>(c)],
+                            d_features.data() + (c * levels + l) * level.features * ld, ld,
+                            states_of(level), touched);
     if (at_once) adam(l, 0, touched.count);
   });
   if (at_once) return;
   constexpr int64_t kRows = 8192;
   for (int64_t l = 0; l < levels_on; ++l) {
     const int64_t count = optimiser.touched[static_cast<size_t>(l)].count;
-    pool.parallel_for((count + kRows - 1) / kRows, [&](int64_t i) {
-      adam(l, i * kRows, std::min(kRows, count - i * kRows));
-    });
+    pool.parallel_for((count + kRows - 1) / kRows,
+                      [&](int64_t i) { adam(l, i * kRows, std::min(kRows, count - i * kRows)); });
   }
 }
 
@@ -322,8 +322,7 @@ void visit_row_states(T& t, Visit&& visit) {
   const size_t features = static_cast<size_t>(t.optimiser.features);
   const auto part = [&](RowPart part, size_t count) {
     return internal::Strided<std::remove_pointer_t<decltype(states)>>{
-        states + part * features, t.optimiser.rows, count,
-                             kRowParts * features};
+        states + part * features, t.optimiser.rows, count, kRowParts * features};
   };
   visit("table_m", part(kRowM, features));
   visit("table_v", part(kRowV, features));

@@ -93,8 +93,8 @@ struct GridTrainer final : TrainerImpl {
   std::vector<double> chunk_loss, chunk_opacity;
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
-  // Of the last steps: what the networks took, what the table's gradient and its optimiser took, and
-  // of how many samples a colour was asked for.
+  // Of the last steps: what the networks took, what the table's gradient and its optimiser took,
+  // and of how many samples a colour was asked for.
   double chunk_seconds = 0, table_seconds = 0, colours_per_sample = 0;
 };
 

@@ -85,8 +85,7 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   // Besides the trainer, at different times: a copy of the field with its table in half precision
   // and its levels compressed (a saved model), a checkpoint read whole, moments made anew.
   const uint64_t saving = field + table / 2 + cells;
-  const uint64_t resuming =
-      3 * (table + weights) + kFloat * rows + cells * (kFloat + 2);
+  const uint64_t resuming = 3 * (table + weights) + kFloat * rows + cells * (kFloat + 2);
   const uint64_t restarting = optimiser;
   return field + optimiser + accumulators + workers + batch +
          std::max({saving, resuming, restarting});

@@ -35,8 +35,7 @@ void GridTrainer::observe_samples() {
     for (int s = 0; s < std::min(n, kAhead); ++s)
       field.occupancy.prefetch_memory(static_cast<size_t>(cells[s]));
     for (int s = 0; s < n; ++s) {
-      if (s + kAhead < n)
-        field.occupancy.prefetch_memory(static_cast<size_t>(cells[s + kAhead]));
+      if (s + kAhead < n) field.occupancy.prefetch_memory(static_cast<size_t>(cells[s + kAhead]));
       field.occupancy.observe(static_cast<size_t>(cells[s]), seen[s]);
     }
   }

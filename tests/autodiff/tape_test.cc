@@ -59,6 +59,38 @@ struct SmallNetwork {
   Rays rays;
 };
 
+// Values and gradients that lie in the caller's memory: the same bits, and the chunk's own again
+// afterwards.
+TEST(Tape, InputsInTheCallersMemory) {
+  SmallNetwork network;
+  Chunk own(network.tape), other(network.tape);
+  network.fill(own, 21, 7);
+  network.fill(other, 21, 8);
+  const int64_t stride = own.stride(network.x);
+  AlignedArray<Real> values(static_cast<size_t>(3 * stride)), gradient(values.size());
+  std::copy_n(own.data(network.x), values.size(), values.data());
+  other.bind(network.x, values.data(), gradient.data());
+  for (Chunk* chunk : {&own, &other}) {
+    network.tape.forward(*chunk);
+    network.tape.backward(*chunk);
+  }
+  EXPECT_EQ(network.outputs(other), network.outputs(own));
+  double size = 0;
+  for (int k = 0; k < 3; ++k)
+    for (int s = 0; s < 21; ++s) {
+      const Real want = own.gradient(network.x)[k * stride + s];
+      EXPECT_EQ(gradient[static_cast<size_t>(k * stride + s)], want) << k << ", " << s;
+      size += std::fabs(static_cast<double>(want));
+    }
+  EXPECT_GT(size, 0);
+
+  const std::vector<Real> before = network.outputs(other);
+  other.bind(network.x, nullptr, nullptr);
+  network.tape.forward(other);
+  EXPECT_NE(network.outputs(other), before);
+  EXPECT_THROW(other.bind(network.y, values.data(), nullptr), std::logic_error);
+}
+
 // Samples to an odd number of cache lines: rows so far apart use all sets of a cache.
 TEST(Tape, CapacitiesAreRoundedUp) {
   for (const auto& [samples, capacity] :

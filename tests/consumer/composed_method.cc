@@ -144,8 +144,8 @@ class Field {
       Real* const states = states_.data() + nerf::kRowParts * level.begin();
       nerf::RowList touched{touched_.data()};
       nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
-                               chunk_->gradient(features_) + row, chunk_->stride(features_),
-                               states, touched);
+                               chunk_->gradient(features_) + row, chunk_->stride(features_), states,
+                               touched);
       nerf::adam_rows(adam, level.features, touched.rows, touched.count, states,
                       table_.data() + level.begin(), correction_.data());
     });

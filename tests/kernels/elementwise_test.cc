@@ -167,6 +167,24 @@ TEST(Elementwise, Opacity) {
 
 // Every count: results for all n values, nothing beyond the padding, the same bits as for any
 // other.
+// Every number to its place, and none beyond.
+TEST(Elementwise, Transpose) {
+  for_each_target([&](const std::string&) {
+    for (const int64_t n : {0, 1, 3, 4, 5, 16, 31, 240})
+      for (const int64_t rows : {0, 1, 2, 4, 7, 16, 18}) {
+        const int64_t ldx = n + 3, ldy = rows + 2;
+        std::vector<Real> x(static_cast<size_t>(rows * ldx)), y(static_cast<size_t>(n * ldy), -1);
+        for (size_t i = 0; i < x.size(); ++i) x[i] = static_cast<Real>(i);
+        transpose(n, rows, x.data(), ldx, y.data(), ldy);
+        for (int64_t s = 0; s < n; ++s)
+          for (int64_t k = 0; k < ldy; ++k)
+            ASSERT_EQ(y[static_cast<size_t>(s * ldy + k)],
+                      k < rows ? static_cast<Real>(k * ldx + s) : -1.0_r)
+                << n << " x " << rows << ": " << s << ", " << k;
+      }
+  });
+}
+
 TEST(Elementwise, EveryCount) {
   for_each_target([&](const std::string&) {
     Random random(27, 0, 0);

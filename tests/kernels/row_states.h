@@ -33,9 +33,7 @@ class RowStates {
     list.rows[list.count++] = static_cast<uint32_t>(row);
     at(row, kRowSteps, 1) = 1;
   }
-  std::span<const uint32_t> touched() const {
-    return {list.rows, static_cast<size_t>(list.count)};
-  }
+  std::span<const uint32_t> touched() const { return {list.rows, static_cast<size_t>(list.count)}; }
 
   // All rows' numbers of a part, `features` of each row; of the steps the first.
   std::vector<Real> part(RowPart part) {
@@ -51,8 +49,7 @@ class RowStates {
     set(kRowV, v);
     set(kRowSteps, steps);
   }
-  void take(std::span<Real> gradient, std::span<Real> m, std::span<Real> v,
-            std::span<Real> steps) {
+  void take(std::span<Real> gradient, std::span<Real> m, std::span<Real> v, std::span<Real> steps) {
     std::ranges::copy(part(kRowGradient), gradient.begin());
     std::ranges::copy(part(kRowM), m.begin());
     std::ranges::copy(part(kRowV), v.begin());

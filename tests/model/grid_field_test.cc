@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "autodiff/reference_ops.h"
+#include "kernels/row_states.h"
 #include "model/small_grid.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/reference/hash_grid.h"

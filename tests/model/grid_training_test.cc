@@ -2,13 +2,16 @@
 // that tests/golden/grid_training.py computed independently in double.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "golden/draws.h"
 #include "golden/golden.h"
 #include "kernels/kernel_test.h"
+#include "kernels/row_states.h"
 #include "math/worst_error.h"
 #include "nerf/kernels/adam.h"
 #include "nerf/kernels/roulette.h"
@@ -207,7 +210,8 @@ void expect_golden_run(const char* file, Variant variant) {
     // Rows had steps of their own: some missed one.
     EXPECT_EQ(run.learning < run.all, variant == Variant::kRoulette);
     Real least = kSteps;
-    for (const auto& states : run.states) least = std::min(least, std::ranges::min(states->part(kRowSteps)));
+    for (const auto& states : run.states)
+      least = std::min(least, std::ranges::min(states->part(kRowSteps)));
     EXPECT_LT(least, kSteps);
   });
   loss.report();

@@ -36,9 +36,10 @@ struct RowList {
   int64_t count = 0;
 };
 
-// One step over `count` listed rows (of 2 or 4 features), each once, each with its own step counter.
-// Clears gradient and mark of each; others keep every bit. states: [..][kRowParts][features],
-// weights: [..][features], both aligned to 64 bytes; `correction` holds bias_corrections(...).
+// One step over `count` listed rows (of 2 or 4 features), each once, each with its own step
+// counter. Clears gradient and mark of each; others keep every bit. states:
+// [..][kRowParts][features], weights: [..][features], both aligned to 64 bytes; `correction` holds
+// bias_corrections(...).
 void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
                Real* states, Real* weights, const Real* correction);
 

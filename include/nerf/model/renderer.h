@@ -32,7 +32,7 @@ struct RenderOptions {
   Real unshaded = 1.0_r / 1024;  // share of a pixel's light whose colour may be left out
   // Share of a pixel's light that successive samples of its ray may have together to be given one
   // colour, that of the mean of their features by weight; 0: every sample has its own.
-  Real shared_colour = 1.0_r / 32;
+  Real shared_colour = 1.0_r / 16;
   Precision precision = Precision::kAuto;  // of the networks' products
   // Rays along a pixel's side, averaged; 0: with the grid method so many that none is wider than
   // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
@@ -41,8 +41,8 @@ struct RenderOptions {
   // Network samples of a ray of the grid method: how many against the last steps of training, how
   // many at most (training's, if those are more; never above kChunkSamples), and the weight of
   // those spread over all matter, which takes the place of SamplerOptions::uniform_share.
-  Real sample_factor = 1;
-  int max_samples = 96;
+  Real sample_factor = 0.85_r;
+  int max_samples = 64;
   Real uniform_share = 3;
 
   // Turns off all of the above that leaves work out.
