@@ -66,6 +66,7 @@ class Sink {
   Sink& operator=(const Sink&) = delete;
 
   void write(std::span<const uint8_t> bytes) {
+    if (bytes.empty()) return;  // zlib takes no bytes at null for a new checksum
     crc_ = crc_of(crc_, bytes);
     while (!bytes.empty()) {
       const ssize_t n = ::write(fd_, bytes.data(), std::min<size_t>(bytes.size(), 1u << 30));

@@ -42,7 +42,7 @@ uint64_t grow(const uint64_t* solid, int n, int bx, int by, int bz) {
 OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side_(side) {
   NERF_CHECK(cascades >= 1 && cascades <= kMostCascades);
   NERF_CHECK(side >= 16 && side <= kMostSide && side % 16 == 0);
-  for (int c = 0; c < cascades; ++c)
+  for (int c = 0; c < kMostCascades; ++c)
     cell_widths_[static_cast<size_t>(c)] = std::ldexp(2.0_r / static_cast<Real>(side_), c);
   const size_t cells_in_all = static_cast<size_t>(cascades) * static_cast<size_t>(cells());
   opacity_ = AlignedArray<Real>(cells_in_all);
