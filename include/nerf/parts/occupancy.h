@@ -61,7 +61,8 @@ class OccupancyGrid {
     const Real scale = 1.0_r / cell_width(cascade), half = static_cast<Real>(side_ / 2);
     int at[3];
     for (int i = 0; i < 3; ++i)
-      at[i] = std::min(floor_int(std::clamp(p[i] * scale, -half, half)) + side_ / 2, side_ - 1);
+      at[i] =
+          std::clamp(floor_int(std::clamp(p[i] * scale, -half, half)) + side_ / 2, 0, side_ - 1);
     const int64_t n = bricks();
     const int64_t brick = ((at[2] >> 2) * n + (at[1] >> 2)) * n + (at[0] >> 2);
     return brick * 64 + ((at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3));
