@@ -42,7 +42,7 @@ struct RenderOptions {
   // many at most (training's, if those are more; never above kChunkSamples), and the weight of
   // those spread over all matter, which takes the place of SamplerOptions::uniform_share.
   Real sample_factor = 0.85_r;
-  int max_samples = 64;
+  int max_samples = 96;
   Real uniform_share = 3;
 
   // Turns off all of the above that leaves work out.
