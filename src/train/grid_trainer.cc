@@ -262,9 +262,8 @@ void GridTrainer::update_table(int64_t levels_on) {
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   const AdamStep step = adam_at(done);
   bias_corrections(step, corrections.data());
-  const uint64_t features = static_cast<uint64_t>(optimiser.features);
   const auto states_of = [&](const HashGridLevel& level) {
-    return optimiser.row_states.data() + level.offset * kRowParts * features;
+    return optimiser.row_states.data() + kRowParts * level.begin();
   };
   const auto adam = [&](int64_t l, int64_t first, int64_t count) {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
@@ -301,8 +300,8 @@ void GridTrainer::update_table(int64_t levels_on) {
 
 namespace {
 
-// Every array that a step reads and the step before wrote, but for the rows' states.
-// Gradients are zero between steps.
+// Every array that a step reads and the step before wrote, but for the rows' states. Gradients are
+// zero between steps.
 template <class T, class Visit>
 void visit_arrays(T& t, Visit&& visit) {
   visit("table", t.field.table.span());
