@@ -31,8 +31,8 @@ class Grid {
         z_(x_.size()),
         features_(noise(static_cast<size_t>(shape_.features()) * x_.size(), 6)) {
     if (backward) {
-      states_ = AlignedArray<Real>(kRowParts * shape_.size());
-      listed_.resize(shape_.rows + static_cast<uint64_t>(levels()));
+      gradient_ = AlignedArray<Real>(shape_.size());
+      marks_ = AlignedArray<uint8_t>(shape_.rows);
     } else {
       table_ = noise(shape_.size(), 4);
     }
@@ -52,16 +52,14 @@ class Grid {
     });
   }
 
-  // Rows are new to their list in the first run alone, which costs the same as those that are not.
   void backward(ThreadPool& pool) {
     pool.parallel_for(levels(), [&](int64_t i) {
       const int64_t l = levels() - 1 - i;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
-      RowList touched{listed_.data() + level.offset + static_cast<uint64_t>(l)};
       for (int64_t c = 0; c < chunks_; ++c)
         hash_grid_backward(level, x_.data() + at(c), y_.data() + at(c), z_.data() + at(c),
                            kChunkSamples, features(c, l), kChunkSamples,
-                           states_.data() + kRowParts * level.begin(), touched);
+                           gradient_.data() + level.begin(), marks_.data() + level.offset);
     });
   }
 
@@ -104,8 +102,8 @@ class Grid {
 
   HashGridShape shape_;
   int64_t chunks_;
-  AlignedArray<Real> table_, states_;
-  std::vector<uint32_t> listed_;
+  AlignedArray<Real> table_, gradient_;
+  AlignedArray<uint8_t> marks_;
   AlignedArray<Real> x_, y_, z_, features_;
 };
 
@@ -119,43 +117,42 @@ KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) 
 }
 
 // The tables of the default grid, of whose rows every `every`th (at random) has a gradient. Bytes
-// are those of such rows: their states and weights are read and written.
+// are those of such rows: their gradients, states and weights are read and written.
 struct AdamRows {
   AdamRows(int log2_entries, uint64_t every)
       : rows(shape_of(log2_entries).rows),
+        gradient(noise(kFeatures * rows, 1)),
         states(kRowParts * kFeatures * rows),
         weights(noise(kFeatures * rows, 2)),
         correction(2 * kBiasCorrections) {
     bias_corrections(AdamStep(), correction.data());
-    const AlignedArray<Real> gradient = noise(kFeatures * rows, 1);
     Random random(7, 8, 0);
-    for (size_t row = 0; row < rows; ++row) {
-      std::copy_n(&gradient[kFeatures * row], kFeatures, &states[kRowParts * kFeatures * row]);
+    for (size_t row = 0; row < rows; ++row)
       if (random.below(every) == 0) touched.push_back(static_cast<uint32_t>(row));
-    }
   }
   void run(ThreadPool& pool) {
     constexpr int64_t kRows = 8192;
     const int64_t count = static_cast<int64_t>(touched.size());
     pool.parallel_for((count + kRows - 1) / kRows, [&](int64_t i) {
       adam_rows(AdamStep(), kFeatures, touched.data() + i * kRows,
-                std::min(kRows, count - i * kRows), states.data(), weights.data(),
+                std::min(kRows, count - i * kRows), gradient.data(), states.data(), weights.data(),
                 correction.data());
     });
   }
   static constexpr size_t kFeatures = 4;
   size_t rows;
-  AlignedArray<Real> states, weights, correction;
+  AlignedArray<Real> gradient, states, weights, correction;
   std::vector<uint32_t> touched;
 };
 
 KernelRun adam_rows_run(uint64_t every) {
   auto adam = std::make_shared<AdamRows>(GridOptions().log2_entries, every);
   KernelRun run;
-  run.work = static_cast<double>(adam->touched.size() * 2 * (kRowParts + 1) * AdamRows::kFeatures *
+  run.work = static_cast<double>(adam->touched.size() * 2 * (kRowParts + 2) * AdamRows::kFeatures *
                                  sizeof(Real));
   run.ceiling = [adam](Ceilings& c) {
-    return c.read((adam->states.size() + adam->weights.size()) * sizeof(Real));
+    return c.read((adam->gradient.size() + adam->states.size() + adam->weights.size()) *
+                  sizeof(Real));
   };
   run.run = [adam](ThreadPool& pool) { adam->run(pool); };
   return run;

@@ -1,5 +1,4 @@
 #include <cmath>
-#include <cstring>
 
 #include "nerf/kernels/adam.h"
 #include "nerf/kernels/linear.h"
@@ -52,36 +51,60 @@ void dense(const AdamStep& o, float c1, float c2, int64_t n, const float* gradie
            weights + i);
 }
 
+int64_t list(int64_t rows, uint8_t* marks, uint32_t* list) {
+  const hn::CappedTag<uint8_t, 64> d;
+  const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
+  int64_t count = 0, first = 0;
+  for (; first + lanes <= rows; first += lanes) {
+    const auto marked = hn::Ne(hn::LoadU(d, marks + first), hn::Zero(d));
+    if (hn::AllFalse(d, marked)) continue;
+    hn::StoreU(hn::Zero(d), d, marks + first);
+    uint64_t bits = 0;
+    hn::StoreMaskBits(d, marked, reinterpret_cast<uint8_t*>(&bits));
+    for (; bits != 0; bits &= bits - 1)
+      list[count++] = static_cast<uint32_t>(first) +
+                      static_cast<uint32_t>(hwy::Num0BitsBelowLS1Bit_Nonzero64(bits));
+  }
+  for (; first < rows; ++first)  // no vector: what follows is another table's
+    if (marks[first]) {
+      list[count++] = static_cast<uint32_t>(first);
+      marks[first] = 0;
+    }
+  return count;
+}
+
 template <int F>
-HWY_INLINE void step_row(const AdamStep& o, const float* correction, float* state, float* weights) {
+HWY_INLINE void step_row(const AdamStep& o, const float* correction, float* gradient, float* state,
+                         float* weights) {
   const hn::CappedTag<float, F> d;
   float* const steps = state + kRowSteps * F;
   steps[0] = HWY_MIN(steps[0] + 1, kMostRowSteps);
-  steps[1] = 0;
   const int t = HWY_MIN(static_cast<int>(steps[0]), kBiasCorrections - 1);
   const auto c1 = hn::Set(d, o.rate * correction[2 * t]), c2 = hn::Set(d, correction[2 * t + 1]);
-  update(d, o, c1, c2, hn::Load(d, state), state + kRowM * F, state + kRowV * F, weights);
-  hn::Store(hn::Zero(d), d, state);
+  update(d, o, c1, c2, hn::Load(d, gradient), state + kRowM * F, state + kRowV * F, weights);
+  hn::Store(hn::Zero(d), d, gradient);
 }
 
 template <int F>
-void listed_rows(const AdamStep& o, const uint32_t* rows, int64_t count, float* states,
-                 float* weights, const float* correction) {
+void listed_rows(const AdamStep& o, const uint32_t* list, int64_t count, float* gradient,
+                 float* states, float* weights, const float* correction) {
   constexpr int64_t kAhead = 32;  // rows whose memory is asked for, into the second-level cache
-  const auto state = [&](int64_t i) { return states + size_t{rows[i]} * kRowParts * F; };
-  const auto weight = [&](int64_t i) { return weights + size_t{rows[i]} * F; };
+  const auto state = [&](int64_t i) { return states + size_t{list[i]} * kRowParts * F; };
+  const auto begin = [&](int64_t i) { return size_t{list[i]} * F; };
   for (int64_t i = -kAhead; i < count; ++i) {
     if (i + kAhead < count) {
       __builtin_prefetch(state(i + kAhead), 1, 2);
-      __builtin_prefetch(weight(i + kAhead), 1, 2);
+      __builtin_prefetch(weights + begin(i + kAhead), 1, 2);
+      __builtin_prefetch(gradient + begin(i + kAhead), 1, 2);
     }
-    if (i >= 0) step_row<F>(o, correction, state(i), weight(i));
+    if (i >= 0) step_row<F>(o, correction, gradient + begin(i), state(i), weights + begin(i));
   }
 }
 
-void listed(const AdamStep& o, int features, const uint32_t* rows, int64_t count, float* states,
-            float* weights, const float* correction) {
-  (features == 4 ? listed_rows<4> : listed_rows<2>)(o, rows, count, states, weights, correction);
+void listed(const AdamStep& o, int features, const uint32_t* list, int64_t count, float* gradient,
+            float* states, float* weights, const float* correction) {
+  (features == 4 ? listed_rows<4> : listed_rows<2>)(o, list, count, gradient, states, weights,
+                                                    correction);
 }
 
 }  // namespace
@@ -92,6 +115,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace nerf {
 HWY_EXPORT(dense);
+HWY_EXPORT(list);
 HWY_EXPORT(listed);
 
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,
@@ -103,9 +127,14 @@ void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* g
   (options, static_cast<float>(c1), static_cast<float>(c2), n, gradient, m, v, weights);
 }
 
-void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
-               float* states, float* weights, const float* correction) {
-  HWY_DYNAMIC_DISPATCH(listed)(options, features, rows, count, states, weights, correction);
+int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list) {
+  return HWY_DYNAMIC_DISPATCH(list)(rows, marks, list);
+}
+
+void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+               float* gradient, float* states, float* weights, const float* correction) {
+  HWY_DYNAMIC_DISPATCH(listed)
+  (options, features, list, count, gradient, states, weights, correction);
 }
 }  // namespace nerf
 #endif

@@ -1,5 +1,3 @@
-#include <cstring>
-
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/kernels/linear.h"
 
@@ -179,47 +177,39 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
 
 template <bool kDense, int F>
 void backward_level(const HashGridLevel& level, const float* x, const float* y, const float* z,
-                    int64_t n, const float* HWY_RESTRICT df, int64_t ld, float* HWY_RESTRICT states,
-                    RowList& touched) {
+                    int64_t n, const float* HWY_RESTRICT df, int64_t ld,
+                    float* HWY_RESTRICT gradient, uint8_t* HWY_RESTRICT marks) {
   const Row<F> d;
   const hn::CappedTag<float, 4> d4;
-  constexpr int kShift = F == 4 ? 4 : 3;
-  static_assert(1 << kShift == kRowParts * F);
-  uint32_t* HWY_RESTRICT const list = touched.rows;
-  int64_t count = touched.count;
-  // Listed without a branch: whether a row was touched before is not foreseen.
+  constexpr int kShift = F == 4 ? 2 : 1;
   const auto add = [&](size_t at, hn::Vec<Row<F>> weight, hn::Vec<Row<F>> x) HWY_ATTR {
-    float* const state = states + at;
-    hn::Store(hn::MulAdd(weight, x, hn::Load(d, state)), d, state);
-    list[count] = static_cast<uint32_t>(at >> kShift);
-    uint32_t listed;
-    std::memcpy(&listed, state + kRowSteps * F + 1, sizeof(listed));
-    count += listed == 0;
-    state[kRowSteps * F + 1] = 1;
+    hn::Store(hn::MulAdd(weight, x, hn::Load(d, gradient + at)), d, gradient + at);
+    marks[at >> kShift] = 1;
   };
-  each_group<kDense, kShift>(level, states, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
-    alignas(64) float g[kGroup * F];
-    for (int h = 0; h < kGroup; h += 4) {
-      const float* from = df + s + h;
-      if constexpr (F == 4)
-        hn::StoreInterleaved4(hn::LoadU(d4, from), hn::LoadU(d4, from + ld),
-                              hn::LoadU(d4, from + 2 * ld), hn::LoadU(d4, from + 3 * ld), d4,
-                              g + h * F);
-      else
-        hn::StoreInterleaved2(hn::LoadU(d4, from), hn::LoadU(d4, from + ld), d4, g + h * F);
-    }
-    for (int i = 0; i < kGroup; ++i) {
-      const auto gi = hn::Load(d, g + i * F);
-      if (hn::AllTrue(d, hn::Eq(gi, hn::Zero(d)))) continue;
-      const auto low = hn::Mul(hn::Set(d, c.near[i]), gi), high = hn::Mul(hn::Set(d, c.far[i]), gi);
-      for (int k = 0; k < 4; ++k) {
-        const auto weight = hn::Set(d, c.weight[k][i]);
-        add(c.low[k][i], weight, low);
-        add(high_row<kDense, kShift>(c, k, i), weight, high);
-      }
-    }
-  });
-  touched.count = count;
+  each_group<kDense, kShift>(
+      level, gradient, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
+        alignas(64) float g[kGroup * F];
+        for (int h = 0; h < kGroup; h += 4) {
+          const float* from = df + s + h;
+          if constexpr (F == 4)
+            hn::StoreInterleaved4(hn::LoadU(d4, from), hn::LoadU(d4, from + ld),
+                                  hn::LoadU(d4, from + 2 * ld), hn::LoadU(d4, from + 3 * ld), d4,
+                                  g + h * F);
+          else
+            hn::StoreInterleaved2(hn::LoadU(d4, from), hn::LoadU(d4, from + ld), d4, g + h * F);
+        }
+        for (int i = 0; i < kGroup; ++i) {
+          const auto gi = hn::Load(d, g + i * F);
+          if (hn::AllTrue(d, hn::Eq(gi, hn::Zero(d)))) continue;
+          const auto low = hn::Mul(hn::Set(d, c.near[i]), gi),
+                     high = hn::Mul(hn::Set(d, c.far[i]), gi);
+          for (int k = 0; k < 4; ++k) {
+            const auto weight = hn::Set(d, c.weight[k][i]);
+            add(c.low[k][i], weight, low);
+            add(high_row<kDense, kShift>(c, k, i), weight, high);
+          }
+        }
+      });
 }
 
 void forward(const HashGridLevel& level, const float* table, const float* x, const float* y,
@@ -233,13 +223,13 @@ void forward(const HashGridLevel& level, const float* table, const float* x, con
 }
 
 void backward(const HashGridLevel& level, const float* x, const float* y, const float* z, int64_t n,
-              const float* df, int64_t ld, float* states, RowList& touched) {
+              const float* df, int64_t ld, float* gradient, uint8_t* marks) {
   if (n <= 0) return;
   const auto run = level.features == 4
                        ? level.dense ? backward_level<true, 4> : backward_level<false, 4>
                    : level.dense ? backward_level<true, 2>
                                  : backward_level<false, 2>;
-  run(level, x, y, z, n, df, ld, states, touched);
+  run(level, x, y, z, n, df, ld, gradient, marks);
 }
 
 }  // namespace
@@ -257,9 +247,9 @@ void hash_grid_forward(const HashGridLevel& level, const float* table, const flo
   HWY_DYNAMIC_DISPATCH(forward)(level, table, x, y, z, n, features, ld);
 }
 void hash_grid_backward(const HashGridLevel& level, const float* x, const float* y, const float* z,
-                        int64_t n, const float* d_features, int64_t ld, float* states,
-                        RowList& touched) {
-  HWY_DYNAMIC_DISPATCH(backward)(level, x, y, z, n, d_features, ld, states, touched);
+                        int64_t n, const float* d_features, int64_t ld, float* gradient,
+                        uint8_t* marks) {
+  HWY_DYNAMIC_DISPATCH(backward)(level, x, y, z, n, d_features, ld, gradient, marks);
 }
 }  // namespace nerf
 #endif

@@ -247,11 +247,11 @@ void encode_level(const GridField& field, size_t l, const GridPoints& points, in
 }
 
 void encode_level_backward(const GridField& field, size_t l, const GridPoints& points, int64_t n,
-                           Real* d_features, int64_t ld, Real* states, RowList& touched) {
+                           Real* d_features, int64_t ld, Real* gradient, uint8_t* marks) {
   const HashGridLevel& level = field.shape.levels[l];
   if (points.per_sample == 1) {
     if (points.spread) fade_level(level, points.spread, n, d_features, ld);
-    hash_grid_backward(level, points.x, points.y, points.z, n, d_features, ld, states, touched);
+    hash_grid_backward(level, points.x, points.y, points.z, n, d_features, ld, gradient, marks);
     return;
   }
   alignas(64) Real one[4 * kChunkSamples];
@@ -265,7 +265,7 @@ void encode_level_backward(const GridField& field, size_t l, const GridPoints& p
       std::copy_n(d_features + f * ld, padded, one + f * kChunkSamples);
     if (points.spread) fade_level(level, points.spread + at, n, one, kChunkSamples);
     hash_grid_backward(level, points.x + at, points.y + at, points.z + at, n, one, kChunkSamples,
-                       states, touched);
+                       gradient, marks);
   }
 }
 

@@ -28,14 +28,14 @@ int cascades_of(const Scene& scene) {
 OptimiserState::OptimiserState(const GridField& field)
     : rows(field.shape.rows),
       features(field.shape.features_per_entry()),
+      table_gradient(field.table.size()),
+      marks(rows),
       row_states(kRowParts * field.table.size()),
-      list_rows(rows + field.shape.levels.size()),
+      listed(rows),
+      listed_count(field.shape.levels.size()),
       network_gradient(field.weights.size()),
       network_m(field.weights.size()),
-      network_v(field.weights.size()) {
-  for (const HashGridLevel& level : field.shape.levels)
-    touched.push_back({list_rows.data() + level.offset + touched.size()});
-}
+      network_v(field.weights.size()) {}
 
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t),
@@ -262,13 +262,15 @@ void GridTrainer::update_table(int64_t levels_on) {
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   const AdamStep step = adam_at(done);
   bias_corrections(step, corrections.data());
-  const auto states_of = [&](const HashGridLevel& level) {
-    return optimiser.row_states.data() + kRowParts * level.begin();
+  const auto list_of = [&](int64_t l) {
+    return optimiser.listed.data() + field.shape.levels[static_cast<size_t>(l)].offset;
   };
   const auto adam = [&](int64_t l, int64_t first, int64_t count) {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
-    adam_rows(step, level.features, optimiser.touched[static_cast<size_t>(l)].rows + first, count,
-              states_of(level), field.table.data() + level.begin(), corrections.data());
+    adam_rows(step, level.features, list_of(l) + first, count,
+              optimiser.table_gradient.data() + level.begin(),
+              optimiser.row_states.data() + kRowParts * level.begin(),
+              field.table.data() + level.begin(), corrections.data());
   };
   // A level's gradient is still in a cache right after it was summed; with many threads the levels
   // are too few to share the optimiser's work.
@@ -280,19 +282,20 @@ void GridTrainer::update_table(int64_t levels_on) {
     if (i > levels_on) return observe_errors();
     const int64_t l = levels_on - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
-    RowList& touched = optimiser.touched[static_cast<size_t>(l)];
-    touched.count = 0;
+    Real* const gradient = optimiser.table_gradient.data() + level.begin();
+    uint8_t* const marks = optimiser.marks.data() + level.offset;
     for (int64_t c = 0; c < batch.chunks; ++c)
-      encode_level_backward(field, static_cast<size_t>(l), points_of(c),
-                            chunk_kept[static_cast<size_t>(c)],
-                            d_features.data() + (c * levels + l) * level.features * ld, ld,
-                            states_of(level), touched);
-    if (at_once) adam(l, 0, touched.count);
+      encode_level_backward(
+          field, static_cast<size_t>(l), points_of(c), chunk_kept[static_cast<size_t>(c)],
+          d_features.data() + (c * levels + l) * level.features * ld, ld, gradient, marks);
+    int64_t& count = optimiser.listed_count[static_cast<size_t>(l)];
+    count = list_rows(level.entries, marks, list_of(l));
+    if (at_once) adam(l, 0, count);
   });
   if (at_once) return;
   constexpr int64_t kRows = 8192;
   for (int64_t l = 0; l < levels_on; ++l) {
-    const int64_t count = optimiser.touched[static_cast<size_t>(l)].count;
+    const int64_t count = optimiser.listed_count[static_cast<size_t>(l)];
     pool.parallel_for((count + kRows - 1) / kRows,
                       [&](int64_t i) { adam(l, i * kRows, std::min(kRows, count - i * kRows)); });
   }
@@ -300,8 +303,8 @@ void GridTrainer::update_table(int64_t levels_on) {
 
 namespace {
 
-// Every array that a step reads and the step before wrote, but for the rows' states. Gradients are
-// zero between steps.
+// Every array that a step reads and the step before wrote, but for the rows' states. Gradients and
+// marks are zero between steps.
 template <class T, class Visit>
 void visit_arrays(T& t, Visit&& visit) {
   visit("table", t.field.table.span());
@@ -342,7 +345,8 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
                              const internal::JsonFields& scalars) {
   std::vector<uint8_t> levels(field.occupancy.levels().size());
   file.read(kLevels, std::span(levels));
-  std::fill(optimiser.row_states.begin(), optimiser.row_states.end(), 0.0_r);
+  std::ranges::fill(optimiser.table_gradient, 0.0_r);
+  std::ranges::fill(optimiser.marks, uint8_t{0});
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   visit_row_states(*this, [&](const char* name, auto states) { file.read(name, states); });
   field.occupancy.set_levels(levels);

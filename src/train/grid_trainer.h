@@ -23,11 +23,13 @@ inline constexpr int kAccumulators = 32;
 // Gradients and moments of a field's parameters.
 struct OptimiserState {
   explicit OptimiserState(const GridField& field);
-  uint64_t rows;                     // of the table
-  int features;                      // of a row
-  AlignedArray<Real> row_states;     // [rows][kRowParts][features]
-  AlignedArray<uint32_t> list_rows;  // of all levels
-  std::vector<RowList> touched;      // of each level
+  uint64_t rows;                      // of the table
+  int features;                       // of a row
+  AlignedArray<Real> table_gradient;  // [rows][features], zero between steps
+  AlignedArray<uint8_t> marks;        // of rows, zero between steps
+  AlignedArray<Real> row_states;      // [rows][kRowParts][features]
+  AlignedArray<uint32_t> listed;      // rows of all levels that have a gradient
+  std::vector<int64_t> listed_count;  // of each level
   AlignedArray<Real> network_gradient, network_m, network_v;
 };
 

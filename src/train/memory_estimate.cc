@@ -63,9 +63,9 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
                                      network_weights(colour_in, hidden, colour_layers, 3));
   const uint64_t field = table + occupancy + 3 * weights;  // packed in bf16 too
 
-  // Gradient and two moments of everything; as many numbers again for a row's counter and mark, and
-  // its place in the list of touched rows.
-  const uint64_t optimiser = kRowParts * table + 3 * weights + sizeof(uint32_t) * rows;
+  // Gradient and states of the table, of the networks' weights gradient and two moments; a row's
+  // mark and place in the list of those that have a gradient.
+  const uint64_t optimiser = (1 + kRowParts) * table + 3 * weights + (sizeof(uint32_t) + 1) * rows;
   const uint64_t accumulators = kAccumulators * weights;
 
   // Values and gradients of a chunk, per thread.

@@ -56,8 +56,10 @@ class Field {
     const auto colour_layers = layers({16 + 16, 32, 3});
     weights_ = gradient_ = m_ = v_ = nerf::AlignedArray<Real>(size);
     table_ = nerf::AlignedArray<Real>(shape_.size());
+    table_gradient_ = nerf::AlignedArray<Real>(shape_.size());
     states_ = nerf::AlignedArray<Real>(nerf::kRowParts * shape_.size());
-    touched_.resize(shape_.rows + 1);
+    marks_ = nerf::AlignedArray<std::uint8_t>(shape_.rows);
+    listed_.resize(shape_.rows);
     correction_.resize(2 * nerf::kBiasCorrections);
     nerf::bias_corrections({}, correction_.data());
 
@@ -141,12 +143,14 @@ class Field {
     nerf::AdamStep adam;
     adam.rate = rate;
     each_level([&](const nerf::HashGridLevel& level, int64_t row) {
-      Real* const states = states_.data() + nerf::kRowParts * level.begin();
-      nerf::RowList touched{touched_.data()};
+      Real* const gradient = table_gradient_.data() + level.begin();
+      std::uint8_t* const marks = marks_.data() + level.offset;
       nerf::hash_grid_backward(level, axis(0), axis(1), axis(2), chunk_->samples,
-                               chunk_->gradient(features_) + row, chunk_->stride(features_), states,
-                               touched);
-      nerf::adam_rows(adam, level.features, touched.rows, touched.count, states,
+                               chunk_->gradient(features_) + row, chunk_->stride(features_),
+                               gradient, marks);
+      const std::int64_t count = nerf::list_rows(level.entries, marks, listed_.data());
+      nerf::adam_rows(adam, level.features, listed_.data(), count, gradient,
+                      states_.data() + nerf::kRowParts * level.begin(),
                       table_.data() + level.begin(), correction_.data());
     });
     ++step_;
@@ -194,8 +198,9 @@ class Field {
   nerf::Tape tape_;
   nerf::AlignedArray<Real> position_;  // x, y, z of all samples
   nerf::AlignedArray<Real> weights_, gradient_, m_, v_;
-  nerf::AlignedArray<Real> table_, states_;
-  std::vector<uint32_t> touched_;
+  nerf::AlignedArray<Real> table_, table_gradient_, states_;
+  nerf::AlignedArray<std::uint8_t> marks_;
+  std::vector<std::uint32_t> listed_;
   std::vector<Real> correction_;
   nerf::Value features_ = 0, delta_ = 0, light_ = 0, light_gradient_ = 0;
   nerf::Value directions_ = 0, background_ = 0, target_ = 0, scale_ = 0, pixel_ = 0;

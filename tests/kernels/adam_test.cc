@@ -83,6 +83,32 @@ TEST(Adam, BiasCorrections) {
   EXPECT_TRUE(std::isfinite(c[0]) && std::isfinite(c[1]));
 }
 
+// Marked rows are listed once each, in order, whatever their mark; the marks are cleared, and none
+// beyond the rows are read as theirs.
+TEST(Adam, MarkedRowsAreListed) {
+  for_each_target([&](const std::string&) {
+    Random random(44, 0, 0);
+    for (const size_t rows : {0, 8, 56, 64, 72, 128, 1000})
+      for (const Real share : {0.0_r, 0.02_r, 0.5_r, 1.0_r}) {
+        AlignedArray<uint8_t> marks(rows + 64);
+        std::vector<uint32_t> want;
+        for (size_t row = 0; row < marks.size(); ++row) {
+          if (row < rows && random.uniform() >= share) continue;
+          marks[row] = row % 3 ? 1 : 0x80;
+          if (row < rows) want.push_back(static_cast<uint32_t>(row));
+        }
+        std::vector<uint32_t> list(rows + 1, 77u);
+        ASSERT_EQ(list_rows(static_cast<int64_t>(rows), marks.data(), list.data()),
+                  static_cast<int64_t>(want.size()));
+        EXPECT_EQ(list.back(), 77u) << "beyond the room for all rows";
+        list.resize(want.size());
+        EXPECT_EQ(list, want);
+        for (size_t row = 0; row < marks.size(); ++row)
+          ASSERT_EQ(marks[row] != 0, row >= rows) << row;
+      }
+  });
+}
+
 // Rows touched at random, each with its own counter: touched ones step, the others keep every bit.
 TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
   WorstError worst("rows");
@@ -102,15 +128,14 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
         const std::vector<Real> steps_before = steps;
         RowStates states(steps.size(), static_cast<int>(features));
         states.set(s.gradient, s.m, s.v, steps);
-        // Listed from the last to the first.
         std::vector<bool> touched(steps.size());
-        for (size_t r = touched.size(); r-- > 0;)
-          if ((touched[r] = random.uniform() < 0.3_r)) states.touch(r);
-        adam_rows(options, static_cast<int>(features), states.list.rows, states.list.count,
-                  states.data(), s.w.data(), correction.data());
+        for (size_t r = 0; r < touched.size(); ++r)
+          states.marks[r] = touched[r] = random.uniform() < 0.3_r;
+        states.take_marked();
+        adam_rows(options, static_cast<int>(features), states.list(), states.count(),
+                  states.gradient.data(), states.data(), s.w.data(), correction.data());
         states.take(s.gradient, s.m, s.v, steps);
         for (size_t r = 0; r < touched.size(); ++r) {
-          ASSERT_FALSE(states.listed(r));
           if (!touched[r]) {
             ASSERT_EQ(steps[r], steps_before[r]) << r;
             for (const auto member : {&State::gradient, &State::m, &State::v, &State::w})
@@ -158,9 +183,10 @@ TEST(Adam, RowsTouchedEveryStepEqualDense) {
         rows.gradient[i] = dense.gradient[i] = uniform(random, -1, 1);
       RowStates states(kRows, 4);
       states.set(rows.gradient, rows.m, rows.v, steps);
-      for (size_t row = 0; row < kRows; ++row) states.touch(row);
-      adam_rows(options, 4, states.list.rows, states.list.count, states.data(), rows.w.data(),
-                correction.data());
+      std::ranges::fill(states.marks, uint8_t{1});
+      states.take_marked();
+      adam_rows(options, 4, states.list(), states.count(), states.gradient.data(), states.data(),
+                rows.w.data(), correction.data());
       states.take(rows.gradient, rows.m, rows.v, steps);
       adam_dense(options, step, kSize, dense.gradient.data(), dense.m.data(), dense.v.data(),
                  dense.w.data());

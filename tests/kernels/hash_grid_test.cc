@@ -85,8 +85,8 @@ TEST(HashGrid, Forward) {
   worst.report();
 }
 
-// Table gradients are the sum over samples of the template's; rows that no sample reaches stay 0
-// and unflagged, whatever was in the gradient before is added to.
+// Table gradients are the sum over samples of the template's; rows that no sample reaches stay as
+// they were and unmarked, whatever was in the gradient before is added to.
 TEST(HashGrid, BackwardIsTheSumOverSamples) {
   WorstError worst("backward");
   for_each_target([&](const std::string&) {
@@ -100,19 +100,13 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
         for (int64_t s = 0; s < n; s += 3)  // a third of the samples has no gradient
           for (int f = 0; f < level.features; ++f) g.at(f, s) = 0;
         RowStates states(level.entries, level.features);
-        // Some rows already hold a gradient from an earlier chunk, and some of those are listed.
-        std::vector<Real> gradient(size_of(level));
+        // Some rows already hold a gradient from an earlier chunk, and some are marked.
+        const AlignedArray<Real>& gradient = states.gradient;
         std::vector<double> want(gradient.size());
-        for (size_t i = 0; i < gradient.size(); i += 7) want[i] = gradient[i] = 0.25_r;
-        states.set(kRowGradient, gradient);
-        for (size_t row = 0; row < level.entries; row += 14) states.touch(row);
+        for (size_t i = 0; i < gradient.size(); i += 7) want[i] = states.gradient[i] = 0.25_r;
+        for (size_t row = 0; row < level.entries; row += 14) states.marks[row] = 1;
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), n,
-                           g.data.data(), g.ld, states.data(), states.list);
-        gradient = states.part(kRowGradient);
-        std::vector<int> touched(level.entries);
-        for (const uint32_t row : states.touched()) ++touched.at(row);
-        for (const RowPart part : {kRowM, kRowV, kRowSteps})
-          for (const Real x : states.part(part)) ASSERT_EQ(x, 0);
+                           g.data.data(), g.ld, states.gradient.data(), states.marks.data());
 
         std::vector<double> size = want;  // sum of magnitudes, for the tolerance
         std::vector<double> most(level.entries);
@@ -134,8 +128,7 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
           }
         }
         for (uint32_t row = 0; row < level.entries; ++row) {
-          ASSERT_LE(touched[row], 1) << "row " << row << " is listed twice";
-          ASSERT_EQ(states.listed(row), touched[row] == 1) << "row " << row;
+          ASSERT_LE(states.marks[row], 1) << "row " << row;
           double sum = 0;
           for (size_t f = 0; f < features; ++f) {
             const size_t i = row * features + f;
@@ -149,13 +142,13 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
           }
           // A corner of weight ~0 may fall to the neighbouring cell where the place was rounded.
           if (reached[row] && sum > 1 + 8 * place_error(level)) {
-            ASSERT_EQ(touched[row], 1) << "row " << row;
+            ASSERT_EQ(states.marks[row], 1) << "row " << row;
           }
-          if (!touched[row]) {
+          if (!states.marks[row]) {
             for (size_t f = 0; f < features; ++f)
               ASSERT_EQ(gradient[row * features + f],
                         (row * features + f) % 7 == 0 ? 0.25_r : 0.0_r)
-                  << "row " << row << " changed but is not flagged";
+                  << "row " << row << " changed but is not marked";
           }
         }
       }
@@ -164,7 +157,7 @@ TEST(HashGrid, BackwardIsTheSumOverSamples) {
   worst.report();
 }
 
-// Samples whose gradient is exactly 0 in all features leave no trace, not even flags: their rows'
+// Samples whose gradient is exactly 0 in all features leave no trace, not even marks: their rows'
 // counters of steps must not move. One feature that differs from 0 is enough to leave one.
 TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
   for_each_target([&](const std::string&) {
@@ -178,13 +171,14 @@ TEST(HashGrid, SamplesWithoutGradientTouchNothing) {
             g.at(f, s) = f == feature && s == 21 ? 1e-30_r : s % 2 ? 0.0_r : -0.0_r;
         RowStates states(level.entries, level.features);
         hash_grid_backward(level, positions.row(0), positions.row(1), positions.row(2), 48,
-                           g.data.data(), g.ld, states.data(), states.list);
+                           g.data.data(), g.ld, states.gradient.data(), states.marks.data());
+        states.take_marked();
         if (feature < 0) {
-          EXPECT_EQ(states.list.count, 0);
-          for (Real v : states.part(kRowGradient)) ASSERT_EQ(v, 0);
+          EXPECT_EQ(states.count(), 0);
+          for (Real v : states.gradient) ASSERT_EQ(v, 0);
         } else {
-          EXPECT_GE(states.list.count, 1);
-          EXPECT_LE(states.list.count, 8);
+          EXPECT_GE(states.count(), 1);
+          EXPECT_LE(states.count(), 8);
         }
       }
     }
@@ -209,8 +203,7 @@ TEST(HashGrid, CornersMatchGolden) {
         for (int64_t s = 0; s < g.padded; ++s) g.at(f, s) = f == 0 && s == 0 ? 1.0_r : 0.0_r;
       RowStates states(level.entries, level.features);
       hash_grid_backward(level, p.data.data(), p.data.data() + p.ld, p.data.data() + 2 * p.ld, 1,
-                         g.data.data(), g.ld, states.data(), states.list);
-      const std::vector<Real> gradient = states.part(kRowGradient);
+                         g.data.data(), g.ld, states.gradient.data(), states.marks.data());
       std::vector<std::pair<uint32_t, Real>> rows;  // expected sums; corners may share a row
       int64_t expected = 0;
       for (size_t c = 0; c < 8; ++c) {
@@ -222,14 +215,15 @@ TEST(HashGrid, CornersMatchGolden) {
           sum += v[15 + k];
           first &= k >= c;
         }
-        EXPECT_TRUE(states.listed(row)) << "scale " << v[0] << " corner " << c;
-        EXPECT_EQ(gradient[size_t{row} * static_cast<size_t>(level.features)],
+        EXPECT_EQ(states.marks[row], 1) << "scale " << v[0] << " corner " << c;
+        EXPECT_EQ(states.gradient[size_t{row} * static_cast<size_t>(level.features)],
                   static_cast<Real>(sum))
             << "scale " << v[0] << " place " << v[4] << ' ' << v[5] << ' ' << v[6] << " corner "
             << c;
         expected += first;
       }
-      EXPECT_EQ(states.list.count, expected) << "scale " << v[0];
+      states.take_marked();
+      EXPECT_EQ(states.count(), expected) << "scale " << v[0];
     }
   });
 }

@@ -1,5 +1,5 @@
-// The states of a table's rows that adam_rows() and hash_grid_backward() work on, part by part, and
-// their list.
+// What adam_rows() and hash_grid_backward() work on beside a table: gradients and marks of its
+// rows, their states part by part, and the list of those to step.
 #pragma once
 
 #include <algorithm>
@@ -15,25 +15,21 @@ namespace nerf {
 class RowStates {
  public:
   RowStates(size_t rows, int features)
-      : rows_(rows),
+      : gradient(rows * static_cast<size_t>(features)),
+        marks(rows),
+        rows_(rows),
         features_(static_cast<size_t>(features)),
-        data_(rows * kRowParts * features_),
-        listed_(rows + 1),
-        list{listed_.data()} {}
-  RowStates(const RowStates&) = delete;  // the list is its own
-  RowStates& operator=(const RowStates&) = delete;
+        states_(rows * kRowParts * features_),
+        listed_(rows) {}
 
-  Real* data() { return data_.data(); }
-  // The row's first number of a part.
-  Real& at(size_t row, RowPart part, size_t number = 0) {
-    return data_[(row * kRowParts + part) * features_ + number];
+  Real* data() { return states_.data(); }
+  const uint32_t* list() const { return listed_.data(); }
+  int64_t count() const { return count_; }
+  std::span<const uint32_t> listed() const { return std::span(listed_).first(size_t(count_)); }
+  // Takes the rows that are marked.
+  void take_marked() {
+    count_ = list_rows(static_cast<int64_t>(rows_), marks.data(), listed_.data());
   }
-  bool listed(size_t row) { return at(row, kRowSteps, 1) != 0; }
-  void touch(size_t row) {
-    list.rows[list.count++] = static_cast<uint32_t>(row);
-    at(row, kRowSteps, 1) = 1;
-  }
-  std::span<const uint32_t> touched() const { return {list.rows, static_cast<size_t>(list.count)}; }
 
   // All rows' numbers of a part, `features` of each row; of the steps the first.
   std::vector<Real> part(RowPart part) {
@@ -42,33 +38,38 @@ class RowStates {
     for (size_t i = 0; i < out.size(); ++i) out[i] = at(i / count, part, i % count);
     return out;
   }
-  void set(std::span<const Real> gradient, std::span<const Real> m, std::span<const Real> v,
+  void set(std::span<const Real> of_gradient, std::span<const Real> m, std::span<const Real> v,
            std::span<const Real> steps) {
-    set(kRowGradient, gradient);
+    std::ranges::copy(of_gradient, gradient.begin());
     set(kRowM, m);
     set(kRowV, v);
     set(kRowSteps, steps);
   }
-  void take(std::span<Real> gradient, std::span<Real> m, std::span<Real> v, std::span<Real> steps) {
-    std::ranges::copy(part(kRowGradient), gradient.begin());
+  void take(std::span<Real> of_gradient, std::span<Real> m, std::span<Real> v,
+            std::span<Real> steps) {
+    std::ranges::copy(gradient, of_gradient.begin());
     std::ranges::copy(part(kRowM), m.begin());
     std::ranges::copy(part(kRowV), v.begin());
     std::ranges::copy(part(kRowSteps), steps.begin());
+  }
+
+  AlignedArray<Real> gradient;
+  AlignedArray<uint8_t> marks;
+
+ private:
+  size_t numbers(RowPart part) const { return part == kRowSteps ? 1 : features_; }
+  Real& at(size_t row, RowPart part, size_t number) {
+    return states_[(row * kRowParts + part) * features_ + number];
   }
   void set(RowPart part, std::span<const Real> values) {
     const size_t count = numbers(part);
     for (size_t i = 0; i < values.size(); ++i) at(i / count, part, i % count) = values[i];
   }
 
- private:
-  size_t numbers(RowPart part) const { return part == kRowSteps ? 1 : features_; }
-
   size_t rows_, features_;
-  AlignedArray<Real> data_;
+  AlignedArray<Real> states_;
   std::vector<uint32_t> listed_;
-
- public:
-  RowList list;
+  int64_t count_ = 0;
 };
 
 }  // namespace nerf

@@ -267,8 +267,8 @@ TEST(GridField, FeaturesOfAConeAreMeans) {
       RowStates states(level.entries, level.features);
       encode_level_backward(field, l, points, kSamples,
                             changed.data.data() + static_cast<int64_t>(l) * level.features * got.ld,
-                            got.ld, states.data(), states.list);
-      const std::vector<Real> of_rows = states.part(kRowGradient);
+                            got.ld, states.gradient.data(), states.marks.data());
+      const AlignedArray<Real>& of_rows = states.gradient;
       for (size_t i = 0; i < of_rows.size(); ++i)
         by_rows +=
             static_cast<double>(of_rows[i]) * static_cast<double>(field.table[level.begin() + i]);

@@ -127,7 +127,7 @@ struct TinyRun {
       hash_grid_backward(
           level, x, y, z, chunk.samples,
           chunk.gradient(tape.features) + static_cast<int64_t>(l) * level.features * ld, ld,
-          states[l]->data(), states[l]->list);
+          states[l]->gradient.data(), states[l]->marks.data());
     }
 
     AdamStep options = adam_step();
@@ -136,9 +136,10 @@ struct TinyRun {
     options.l2 = 0;
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
-      adam_rows(options, level.features, states[l]->list.rows, states[l]->list.count,
-                states[l]->data(), field.table.data() + level.begin(), correction.data());
-      states[l]->list.count = 0;
+      states[l]->take_marked();
+      adam_rows(options, level.features, states[l]->list(), states[l]->count(),
+                states[l]->gradient.data(), states[l]->data(), field.table.data() + level.begin(),
+                correction.data());
     }
     return chunk.loss;
   }

@@ -52,9 +52,10 @@ void step_all(int features, const AdamStep& options, int64_t step, State& s) {
   std::vector<Real> steps(rows, static_cast<Real>(std::min<int64_t>(step - 1, 65535)));
   RowStates states(rows, features);
   states.set(s.gradient, s.m, s.v, steps);
-  for (size_t row = 0; row < rows; ++row) states.touch(row);
-  adam_rows(options, features, states.list.rows, states.list.count, states.data(), s.w.data(),
-            correction.data());
+  std::ranges::fill(states.marks, uint8_t{1});
+  states.take_marked();
+  adam_rows(options, features, states.list(), states.count(), states.gradient.data(), states.data(),
+            s.w.data(), correction.data());
   states.take(s.gradient, s.m, s.v, steps);
   for (Real t : steps) ASSERT_EQ(t, static_cast<Real>(std::min<int64_t>(step, 65535)));
 }

@@ -162,7 +162,7 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
         for (int64_t s = 0; s < clamped.p.padded; ++s)
           clamped.p.at(i, s) = std::clamp(clamped.p.at(i, s), 0.0_r, 1.0_r);
       Matrix g(level.features, 512, random, -1, 1);
-      std::vector<std::vector<Real>> gradients;
+      std::vector<AlignedArray<Real>> gradients;
       Matrix features[2] = {{level.features, 512}, {level.features, 512}};
       for (int k = 0; k < 2; ++k) {
         const Places& p = k ? clamped : places;
@@ -170,8 +170,8 @@ TEST(StressHashGrid, OutsideIsTheBorder) {
                           features[k].data.data(), features[k].ld);
         RowStates states(level.entries, level.features);
         hash_grid_backward(level, p.row(0), p.row(1), p.row(2), 512, g.data.data(), g.ld,
-                           states.data(), states.list);
-        gradients.push_back(states.part(kRowGradient));
+                           states.gradient.data(), states.marks.data());
+        gradients.push_back(states.gradient);
       }
       for (int f = 0; f < level.features; ++f)
         for (int64_t s = 0; s < 512; ++s)
@@ -198,9 +198,9 @@ TEST(StressHashGrid, GradientsOfEveryMagnitudeArrive) {
           {
             const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
             hash_grid_backward(level, places.row(0), places.row(1), places.row(2), kSamples,
-                               g.data.data(), g.ld, states.data(), states.list);
+                               g.data.data(), g.ld, states.gradient.data(), states.marks.data());
           }
-          const std::vector<Real> gradient = states.part(kRowGradient);
+          const AlignedArray<Real>& gradient = states.gradient;
           for (size_t f = 0; f < features; ++f) {
             double sent = 0, arrived = 0;
             for (int64_t s = 0; s < kSamples; ++s) sent += double{g.at(static_cast<int>(f), s)};

@@ -23,25 +23,23 @@ inline constexpr Real kMostGradient = 1e18_r;
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const Real* gradient, Real* m,
                 Real* v, Real* weights);
 
-// What Adam keeps of a table's row of F features beside its weights: four parts of F numbers, side
-// by side, so that a step waits for one line of memory (64 bytes of float where F is 4) and not for
-// one of each array. The last part begins with the number of steps that the row took, and with
-// whether the row is listed for the next one (1, else 0).
-enum RowPart { kRowGradient, kRowM, kRowV, kRowSteps, kRowParts };
+// What Adam keeps of a table's row of F features beside its weights and gradient: parts of F
+// numbers, side by side, so that a step waits for one line of memory and not for one of each array.
+// The part of steps begins with the number of steps that the row took. There is room for a part
+// more than are used, or rows would lie across two lines (64 bytes of float where F is 4).
+enum RowPart { kRowM, kRowV, kRowSteps, kRowParts = 4 };
 inline constexpr Real kMostRowSteps = 65535;  // counted no further: the correction has long been 1
 
-// Rows that have a gradient, in the order in which they got one (hash_grid_backward).
-struct RowList {
-  uint32_t* rows;  // room for one more than there are rows
-  int64_t count = 0;
-};
+// Lists the rows whose mark is not 0, in their order, and clears the marks (hash_grid_backward()
+// sets them, a byte for each row). list: room for all rows. Returns how many are listed.
+int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list);
 
 // One step over `count` listed rows (of 2 or 4 features), each once, each with its own step
-// counter. Clears gradient and mark of each; others keep every bit. states:
-// [..][kRowParts][features], weights: [..][features], both aligned to 64 bytes; `correction` holds
+// counter. Clears their gradients; other rows keep every bit. gradient, weights: [..][features],
+// states: [..][kRowParts][features], all aligned to 64 bytes; `correction` holds
 // bias_corrections(...).
-void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
-               Real* states, Real* weights, const Real* correction);
+void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+               Real* gradient, Real* states, Real* weights, const Real* correction);
 
 // For a step t in [0, kBiasCorrections): correction[2 t] = 1 / (1 - beta1^t) and
 // correction[2 t + 1] = 1 / sqrt(1 - beta2^t); later steps use the last entry.

@@ -47,12 +47,12 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
 void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
                        const Real* z, int64_t n, Real* features, int64_t ld);
 
-// Adds the features' gradient to that of the level's rows, whose states (adam.h) follow each other
-// from `states` on, and lists those rows that are not listed yet, numbered from the level's first.
-// Samples whose gradient is exactly 0 are skipped. One caller at a time per level; sums and list
-// are in the order of the samples.
+// Adds the features' gradient to that of the level's rows ([entries][features], aligned to 64
+// bytes) and sets the marks (a byte for each row, adam.h) of those that it adds to. Samples whose
+// gradient is exactly 0 are skipped. One caller at a time per level; sums are in the order of the
+// samples.
 void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y, const Real* z,
-                        int64_t n, const Real* d_features, int64_t ld, Real* states,
-                        RowList& touched);
+                        int64_t n, const Real* d_features, int64_t ld, Real* gradient,
+                        uint8_t* marks);
 
 }  // namespace nerf

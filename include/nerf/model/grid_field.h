@@ -221,7 +221,7 @@ void encode_level(const GridField& field, size_t level, const GridPoints& points
 // Adds the gradient of these features to that of the level's rows (hash_grid_backward).
 // d_features is changed.
 void encode_level_backward(const GridField& field, size_t level, const GridPoints& points,
-                           int64_t n, Real* d_features, int64_t ld, Real* states, RowList& touched);
+                           int64_t n, Real* d_features, int64_t ld, Real* gradient, uint8_t* marks);
 // All levels: features [F L x ld].
 void encode(const GridField& field, const GridPoints& points, int64_t n, Real* features,
             int64_t ld);

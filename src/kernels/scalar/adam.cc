@@ -26,20 +26,29 @@ void adam_dense(const AdamStep& options, int64_t step, int64_t n, const Real* gr
   for (int64_t i = 0; i < n; ++i) update(options, c1, c2, gradient[i], m[i], v[i], weights[i]);
 }
 
-void adam_rows(const AdamStep& options, int features, const uint32_t* rows, int64_t count,
-               Real* states, Real* weights, const Real* correction) {
+int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list) {
+  int64_t count = 0;
+  for (int64_t row = 0; row < rows; ++row)
+    if (marks[row]) {
+      list[count++] = static_cast<uint32_t>(row);
+      marks[row] = 0;
+    }
+  return count;
+}
+
+void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+               Real* gradient, Real* states, Real* weights, const Real* correction) {
   for (int64_t i = 0; i < count; ++i) {
-    Real* const state = states + int64_t{rows[i]} * kRowParts * features;
-    Real* const w = weights + int64_t{rows[i]} * features;
+    Real* const state = states + int64_t{list[i]} * kRowParts * features;
+    Real* const g = gradient + int64_t{list[i]} * features;
+    Real* const w = weights + int64_t{list[i]} * features;
     Real* const steps = state + kRowSteps * features;
     steps[0] = std::min(steps[0] + 1, kMostRowSteps);
-    steps[1] = 0;
     const int t = std::min(static_cast<int>(steps[0]), kBiasCorrections - 1);
     const Real c1 = options.rate * correction[2 * t], c2 = correction[2 * t + 1];
     for (int f = 0; f < features; ++f) {
-      update(options, c1, c2, state[f], state[kRowM * features + f], state[kRowV * features + f],
-             w[f]);
-      state[f] = 0;
+      update(options, c1, c2, g[f], state[kRowM * features + f], state[kRowV * features + f], w[f]);
+      g[f] = 0;
     }
   }
 }

@@ -33,18 +33,17 @@ void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real
 }
 
 void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y, const Real* z,
-                        int64_t n, const Real* d_features, int64_t ld, Real* states,
-                        RowList& touched) {
+                        int64_t n, const Real* d_features, int64_t ld, Real* gradient,
+                        uint8_t* marks) {
   each_sample(level, x, y, z, n, [&](const auto& corners, int64_t s) {
     bool none = true;
     for (int f = 0; f < level.features; ++f) none = none && d_features[f * ld + s] == 0;
     if (none) return;
     for (const auto& c : corners) {
-      Real* const state = states + size_t{c.row} * kRowParts * level.features;
-      for (int f = 0; f < level.features; ++f) state[f] += c.weight * d_features[f * ld + s];
-      Real& listed = state[kRowSteps * level.features + 1];
-      if (listed == 0) touched.rows[touched.count++] = c.row;
-      listed = 1;
+      const size_t row = size_t{c.row} * static_cast<size_t>(level.features);
+      for (int f = 0; f < level.features; ++f)
+        gradient[row + static_cast<size_t>(f)] += c.weight * d_features[f * ld + s];
+      marks[c.row] = 1;
     }
   });
 }
