@@ -148,8 +148,9 @@ struct AdamRows {
 KernelRun adam_rows_run(uint64_t every) {
   auto adam = std::make_shared<AdamRows>(GridOptions().log2_entries, every);
   KernelRun run;
-  run.work = static_cast<double>(adam->touched.size() * 2 * (kRowParts + 2) * AdamRows::kFeatures *
-                                 sizeof(Real));
+  // Gradient, both moments and weights, and a number of steps.
+  constexpr size_t kNumbers = 4 * AdamRows::kFeatures + 1;
+  run.work = static_cast<double>(adam->touched.size() * 2 * kNumbers * sizeof(Real));
   run.ceiling = [adam](Ceilings& c) {
     return c.read((adam->gradient.size() + adam->states.size() + adam->weights.size()) *
                   sizeof(Real));
