@@ -142,6 +142,7 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"distortion 0.02", {"--distortion", "0.02"}},
       {"16 levels of 2 features", {"--grid-levels", "16", "--grid-features", "2"}},
       {"8 levels", {"--grid-levels", "8"}},
+      {"tables of 32 bits", {"--grid-table-bits", "32"}},
       {"finest cells 1/2048", {"--grid-finest-resolution", "2048"}},
       {"weight decay", {"--network-l2", "1e-6"}},
       {"long memory", {"--beta1", "0.9", "--beta2", "0.99"}},

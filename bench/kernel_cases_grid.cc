@@ -23,7 +23,7 @@ HashGridShape shape_of(int log2_entries) {
 // and sixteen chunks, backward by level.
 class Grid {
  public:
-  Grid(HashGridShape shape, int log2_samples, bool backward)
+  Grid(HashGridShape shape, int log2_samples, bool backward, bool half)
       : shape_(std::move(shape)),
         chunks_((int64_t{1} << log2_samples) / kChunkSamples),
         x_(static_cast<size_t>(samples())),
@@ -33,6 +33,11 @@ class Grid {
     if (backward) {
       gradient_ = AlignedArray<Real>(shape_.size());
       marks_ = AlignedArray<uint8_t>(shape_.rows);
+    } else if (half) {
+      // Bits of numbers between 1/4 and 1/2: only how fast they are read matters.
+      half_ = AlignedArray<uint16_t>(shape_.size());
+      for (size_t i = 0; i < half_.size(); ++i)
+        half_[i] = static_cast<uint16_t>(0x3400 + (i * 2654435761u >> 22));
     } else {
       table_ = noise(shape_.size(), 4);
     }
@@ -46,9 +51,14 @@ class Grid {
       const int64_t l = i / items, first = i % items * kChunksPerItem;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
       for (int64_t c = first; c < std::min(chunks_, first + kChunksPerItem); ++c)
-        hash_grid_forward(level, table_.data() + level.begin(), x_.data() + at(c),
-                          y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),
-                          kChunkSamples);
+        if (half_.size() == 0)
+          hash_grid_forward(level, table_.data() + level.begin(), x_.data() + at(c),
+                            y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),
+                            kChunkSamples);
+        else
+          hash_grid_forward(level, half_.data() + level.begin(), x_.data() + at(c),
+                            y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),
+                            kChunkSamples);
     });
   }
 
@@ -103,12 +113,13 @@ class Grid {
   HashGridShape shape_;
   int64_t chunks_;
   AlignedArray<Real> table_, gradient_;
+  AlignedArray<uint16_t> half_;
   AlignedArray<uint8_t> marks_;
   AlignedArray<Real> x_, y_, z_, features_;
 };
 
-KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) {
-  auto grid = std::make_shared<Grid>(shape, log2_samples, backward);
+KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward, bool half) {
+  auto grid = std::make_shared<Grid>(shape, log2_samples, backward, half);
   KernelRun run;
   run.work = static_cast<double>(grid->samples());
   run.ceiling = [grid](Ceilings& c) { return Grid::ceiling(c, grid->shape()); };
@@ -117,13 +128,14 @@ KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward) 
 }
 
 // The tables of the default grid, of whose rows every `every`th (at random) has a gradient. Bytes
-// are those of such rows: their gradients, states and weights are read and written.
+// are those of such rows: their gradients and states are read and written, their half floats
+// written.
 struct AdamRows {
   AdamRows(int log2_entries, uint64_t every)
       : rows(shape_of(log2_entries).rows),
         gradient(noise(kFeatures * rows, 1)),
         states(kRowParts * kFeatures * rows),
-        weights(noise(kFeatures * rows, 2)),
+        rounded(kFeatures * rows),
         correction(2 * kBiasCorrections) {
     bias_corrections(AdamStep(), correction.data());
     Random random(7, 8, 0);
@@ -135,13 +147,15 @@ struct AdamRows {
     const int64_t count = static_cast<int64_t>(touched.size());
     pool.parallel_for((count + kRows - 1) / kRows, [&](int64_t i) {
       adam_rows(AdamStep(), kFeatures, touched.data() + i * kRows,
-                std::min(kRows, count - i * kRows), gradient.data(), states.data(), weights.data(),
+                std::min(kRows, count - i * kRows), gradient.data(), states.data(), rounded.data(),
                 correction.data());
     });
   }
   static constexpr size_t kFeatures = 4;
   size_t rows;
-  AlignedArray<Real> gradient, states, weights, correction;
+  AlignedArray<Real> gradient, states;
+  AlignedArray<uint16_t> rounded;
+  AlignedArray<Real> correction;
   std::vector<uint32_t> touched;
 };
 
@@ -150,10 +164,11 @@ KernelRun adam_rows_run(uint64_t every) {
   KernelRun run;
   // Gradient, both moments and weights, and a number of steps.
   constexpr size_t kNumbers = 4 * AdamRows::kFeatures + 1;
-  run.work = static_cast<double>(adam->touched.size() * 2 * kNumbers * sizeof(Real));
+  constexpr size_t kRowBytes = 2 * kNumbers * sizeof(Real) + AdamRows::kFeatures * sizeof(uint16_t);
+  run.work = static_cast<double>(adam->touched.size() * kRowBytes);
   run.ceiling = [adam](Ceilings& c) {
-    return c.read((adam->gradient.size() + adam->states.size() + adam->weights.size()) *
-                  sizeof(Real));
+    return c.read((adam->gradient.size() + adam->states.size()) * sizeof(Real) +
+                  adam->rounded.size() * sizeof(uint16_t));
   };
   run.run = [adam](ThreadPool& pool) { adam->run(pool); };
   return run;
@@ -184,12 +199,15 @@ KernelRun adam_dense_run() {
 std::vector<KernelCase> grid_cases() {
   std::vector<KernelCase> cases;
   const auto add = [&](const HashGridShape& shape, int log2_entries, int log2_samples) {
-    for (const bool backward : {false, true})
-      cases.push_back({fmt::format("hash grid {}x{} {}, 2^{} entries, 2^{} samples",
-                                   shape.levels.size(), shape.features_per_entry(),
-                                   backward ? "backward" : "forward", log2_entries, log2_samples),
-                       Unit::kSamples, kBoundRows,
-                       [=](int) { return grid_run(shape, log2_samples, backward); }});
+    for (const char* pass : {"forward", "forward in 16 bits", "backward"}) {
+      const bool backward = pass == std::string_view("backward");
+      const bool half = pass == std::string_view("forward in 16 bits");
+      cases.push_back(
+          {fmt::format("hash grid {}x{} {}, 2^{} entries, 2^{} samples", shape.levels.size(),
+                       shape.features_per_entry(), pass, log2_entries, log2_samples),
+           Unit::kSamples, kBoundRows,
+           [=](int) { return grid_run(shape, log2_samples, backward, half); }});
+    }
   };
   for (int log2_entries = 15; log2_entries <= 19; ++log2_entries)
     add(shape_of(log2_entries), log2_entries, 16);

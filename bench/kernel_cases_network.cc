@@ -143,13 +143,14 @@ class Network {
       Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
       chunk.samples = static_cast<int>(
           std::min<int64_t>(chunk_samples_, samples_ - c * int64_t{chunk_samples_}));
-      const size_t at = static_cast<size_t>(c) * in_floats(), bytes = in_floats() * sizeof(Real);
-      std::memcpy(chunk.data(input_), features_.data() + at, bytes);
+      // As the grid's trainer: features are read where the lookups put them, and their gradient
+      // goes where the scatter reads it.
+      const size_t at = static_cast<size_t>(c) * in_floats();
+      chunk.bind(input_, features_.data() + at, backward_ ? d_features_.data() + at : nullptr);
       tape_.forward(chunk);
       if (!backward_) return;
       std::memcpy(chunk.gradient(output_), d_output_.data(), d_output_.size() * sizeof(Real));
       tape_.backward(chunk);
-      std::memcpy(d_features_.data() + at, chunk.gradient(input_), bytes);
     });
   }
 

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <type_traits>
 
 #include "nerf/kernels/adam.h"
 #include "nerf/kernels/linear.h"
@@ -73,21 +74,41 @@ int64_t list(int64_t rows, uint8_t* marks, uint32_t* list) {
   return count;
 }
 
-template <int F>
+// To nearest, ties to even; beyond the largest half that one.
+template <class D>
+HWY_INLINE void store_half(hn::Vec<D> x, D d, uint16_t* to) {
+  const auto most = hn::Set(d, 65504.0f);
+  // What is no number passes: it is the second operand.
+  x = hn::Max(hn::Neg(most), hn::Min(most, x));
+  const hn::Rebind<hwy::float16_t, D> half;
+  const hn::Rebind<uint16_t, D> bits;
+  hn::StoreU(hn::BitCast(bits, hn::DemoteTo(half, x)), bits, to);
+}
+
+// Weights: where the row's stand, or where they go as half floats from the states.
+template <int F, class W>
 HWY_INLINE void step_row(const AdamStep& o, const float* correction, float* gradient, float* state,
-                         float* weights) {
+                         W* weights) {
   const hn::CappedTag<float, F> d;
   float* const steps = state + kRowSteps * F;
   steps[0] = HWY_MIN(steps[0] + 1, kMostRowSteps);
   const int t = HWY_MIN(static_cast<int>(steps[0]), kBiasCorrections - 1);
   const auto c1 = hn::Set(d, o.rate * correction[2 * t]), c2 = hn::Set(d, correction[2 * t + 1]);
-  update(d, o, c1, c2, hn::Load(d, gradient), state + kRowM * F, state + kRowV * F, weights);
+  float* const m = state + kRowM * F;
+  float* const v = state + kRowV * F;
+  if constexpr (std::is_same_v<W, float>) {
+    update(d, o, c1, c2, hn::Load(d, gradient), m, v, weights);
+  } else {
+    float* const w = state + kRowWeights * F;
+    update(d, o, c1, c2, hn::Load(d, gradient), m, v, w);
+    store_half(hn::Load(d, w), d, weights);
+  }
   hn::Store(hn::Zero(d), d, gradient);
 }
 
-template <int F>
+template <int F, class W>
 void listed_rows(const AdamStep& o, const uint32_t* list, int64_t count, float* gradient,
-                 float* states, float* weights, const float* correction) {
+                 float* states, W* weights, const float* correction) {
   constexpr int64_t kAhead = 32;  // rows whose memory is asked for, into the second-level cache
   const auto state = [&](int64_t i) { return states + size_t{list[i]} * kRowParts * F; };
   const auto begin = [&](int64_t i) { return size_t{list[i]} * F; };
@@ -97,14 +118,20 @@ void listed_rows(const AdamStep& o, const uint32_t* list, int64_t count, float* 
       __builtin_prefetch(weights + begin(i + kAhead), 1, 2);
       __builtin_prefetch(gradient + begin(i + kAhead), 1, 2);
     }
-    if (i >= 0) step_row<F>(o, correction, gradient + begin(i), state(i), weights + begin(i));
+    if (i >= 0) step_row<F, W>(o, correction, gradient + begin(i), state(i), weights + begin(i));
   }
 }
 
 void listed(const AdamStep& o, int features, const uint32_t* list, int64_t count, float* gradient,
             float* states, float* weights, const float* correction) {
-  (features == 4 ? listed_rows<4> : listed_rows<2>)(o, list, count, gradient, states, weights,
-                                                    correction);
+  (features == 4 ? listed_rows<4, float> : listed_rows<2, float>)(o, list, count, gradient, states,
+                                                                  weights, correction);
+}
+
+void listed_half(const AdamStep& o, int features, const uint32_t* list, int64_t count,
+                 float* gradient, float* states, uint16_t* rounded, const float* correction) {
+  (features == 4 ? listed_rows<4, uint16_t>
+                 : listed_rows<2, uint16_t>)(o, list, count, gradient, states, rounded, correction);
 }
 
 }  // namespace
@@ -117,6 +144,7 @@ namespace nerf {
 HWY_EXPORT(dense);
 HWY_EXPORT(list);
 HWY_EXPORT(listed);
+HWY_EXPORT(listed_half);
 
 void adam_dense(const AdamStep& options, int64_t step, int64_t n, const float* gradient, float* m,
                 float* v, float* weights) {
@@ -135,6 +163,11 @@ void adam_rows(const AdamStep& options, int features, const uint32_t* list, int6
                float* gradient, float* states, float* weights, const float* correction) {
   HWY_DYNAMIC_DISPATCH(listed)
   (options, features, list, count, gradient, states, weights, correction);
+}
+void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+               float* gradient, float* states, uint16_t* rounded, const float* correction) {
+  HWY_DYNAMIC_DISPATCH(listed_half)
+  (options, features, list, count, gradient, states, rounded, correction);
 }
 }  // namespace nerf
 #endif

@@ -26,6 +26,16 @@ static_assert(kGroup % kStep == 0 && kLane % kGroup == 0);
 template <int F>
 using Row = hn::CappedTag<float, F>;
 
+template <class D>
+HWY_INLINE hn::Vec<D> load_features(D d, const float* row) {
+  return hn::LoadU(d, row);
+}
+template <class D>
+HWY_INLINE hn::Vec<D> load_features(D d, const uint16_t* row) {
+  const hn::Rebind<hwy::float16_t, D> half;
+  return hn::PromoteTo(d, hn::BitCast(half, hn::LoadU(hn::Rebind<uint16_t, D>(), row)));
+}
+
 // A level's table of more bytes than this is far away: its rows are asked for ahead.
 constexpr size_t kNear = size_t{3} << 18;
 
@@ -101,8 +111,8 @@ HWY_INLINE size_t high_row(const Corners& c, int k, int s) {
 // Asks for the rows that a group of corners will read or write, into the second-level cache: the
 // first one waits for too few at a time (on Zen 4 a lookup takes a third of the time it took with
 // it, where the table is 8 MB).
-template <bool kDense, int kShift>
-HWY_INLINE void prefetch_rows(const Corners& c, const float* rows) {
+template <bool kDense, int kShift, class T>
+HWY_INLINE void prefetch_rows(const Corners& c, const T* rows) {
   for (int k = 0; k < 4; ++k)
     for (int s = 0; s < kGroup; ++s) {
       __builtin_prefetch(rows + c.low[k][s], 0, 2);
@@ -112,10 +122,10 @@ HWY_INLINE void prefetch_rows(const Corners& c, const float* rows) {
 
 // Calls body(corners, s) for each group of samples from s on, the corners of the next one found
 // and, where `far`, its rows asked for before.
-template <bool kDense, int kShift, class Body>
-HWY_INLINE void each_group(const HashGridLevel& level, const float* rows, const float* x,
+template <bool kDense, int kShift, class T, class Body>
+HWY_INLINE void each_group(const HashGridLevel& level, const T* rows, const float* x,
                            const float* y, const float* z, int64_t n, const Body& body) {
-  const bool far = (size_t{level.entries} << kShift) * sizeof(float) > kNear;
+  const bool far = (size_t{level.entries} << kShift) * sizeof(T) > kNear;
   const int64_t end = round_up(n, kLane);
   Corners corners[2];
   find_corners<kDense, kShift>(level, x, y, z, corners[0]);
@@ -129,8 +139,8 @@ HWY_INLINE void each_group(const HashGridLevel& level, const float* rows, const 
   }
 }
 
-template <bool kDense, int F>
-void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, const float* x,
+template <bool kDense, int F, class T>
+void forward_level(const HashGridLevel& level, const T* HWY_RESTRICT table, const float* x,
                    const float* y, const float* z, int64_t n, float* HWY_RESTRICT features,
                    int64_t ld) {
   const Row<F> d;
@@ -144,15 +154,16 @@ void forward_level(const HashGridLevel& level, const float* HWY_RESTRICT table, 
       if constexpr (kDense && hn::MaxLanes(pair) == 2 * F) {
         auto both = hn::Zero(pair);  // the rows of a pair are neighbours
         for (int k = 0; k < 4; ++k)
-          both =
-              hn::MulAdd(hn::Set(pair, c.weight[k][i]), hn::LoadU(pair, table + c.low[k][i]), both);
+          both = hn::MulAdd(hn::Set(pair, c.weight[k][i]), load_features(pair, table + c.low[k][i]),
+                            both);
         low = hn::LowerHalf(d, both);
         high = hn::UpperHalf(d, both);
       } else {
         for (int k = 0; k < 4; ++k) {
           const auto weight = hn::Set(d, c.weight[k][i]);
-          low = hn::MulAdd(weight, hn::Load(d, table + c.low[k][i]), low);
-          high = hn::MulAdd(weight, hn::Load(d, table + high_row<kDense, kShift>(c, k, i)), high);
+          low = hn::MulAdd(weight, load_features(d, table + c.low[k][i]), low);
+          high =
+              hn::MulAdd(weight, load_features(d, table + high_row<kDense, kShift>(c, k, i)), high);
         }
       }
       high = hn::Mul(hn::Set(d, c.far[i]), high);
@@ -212,14 +223,25 @@ void backward_level(const HashGridLevel& level, const float* x, const float* y, 
       });
 }
 
-void forward(const HashGridLevel& level, const float* table, const float* x, const float* y,
+template <class T>
+void forward(const HashGridLevel& level, const T* table, const float* x, const float* y,
              const float* z, int64_t n, float* features, int64_t ld) {
   if (n <= 0) return;
   const auto run = level.features == 4
-                       ? level.dense ? forward_level<true, 4> : forward_level<false, 4>
-                   : level.dense ? forward_level<true, 2>
-                                 : forward_level<false, 2>;
+                       ? level.dense ? forward_level<true, 4, T> : forward_level<false, 4, T>
+                   : level.dense ? forward_level<true, 2, T>
+                                 : forward_level<false, 2, T>;
   run(level, table, x, y, z, n, features, ld);
+}
+
+void forward_f32(const HashGridLevel& level, const float* table, const float* x, const float* y,
+                 const float* z, int64_t n, float* features, int64_t ld) {
+  forward(level, table, x, y, z, n, features, ld);
+}
+
+void forward_half(const HashGridLevel& level, const uint16_t* table, const float* x, const float* y,
+                  const float* z, int64_t n, float* features, int64_t ld) {
+  forward(level, table, x, y, z, n, features, ld);
 }
 
 void backward(const HashGridLevel& level, const float* x, const float* y, const float* z, int64_t n,
@@ -239,12 +261,17 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace nerf {
-HWY_EXPORT(forward);
+HWY_EXPORT(forward_f32);
+HWY_EXPORT(forward_half);
 HWY_EXPORT(backward);
 
 void hash_grid_forward(const HashGridLevel& level, const float* table, const float* x,
                        const float* y, const float* z, int64_t n, float* features, int64_t ld) {
-  HWY_DYNAMIC_DISPATCH(forward)(level, table, x, y, z, n, features, ld);
+  HWY_DYNAMIC_DISPATCH(forward_f32)(level, table, x, y, z, n, features, ld);
+}
+void hash_grid_forward(const HashGridLevel& level, const uint16_t* table, const float* x,
+                       const float* y, const float* z, int64_t n, float* features, int64_t ld) {
+  HWY_DYNAMIC_DISPATCH(forward_half)(level, table, x, y, z, n, features, ld);
 }
 void hash_grid_backward(const HashGridLevel& level, const float* x, const float* y, const float* z,
                         int64_t n, const float* d_features, int64_t ld, float* gradient,

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <string>
 
+#include "base/half.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/encoding.h"
 #include "nerf/kernels/simd.h"
@@ -56,6 +57,9 @@ void GridOptions::check_options() const {
   if (cone_points != 1 && cone_points != kConePoints)
     throw Error(std::to_string(cone_points) + " is neither 1 nor " + std::to_string(kConePoints),
                 "--grid-cone-points", "give one of them");
+  if (table_bits != 16 && table_bits != 32)
+    throw Error(std::to_string(table_bits) + " is neither 16 nor 32", "--grid-table-bits",
+                "give one of them");
   if (sampler.min_samples > sampler.max_samples)
     throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
                     std::to_string(sampler.max_samples),
@@ -73,7 +77,8 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
     : options(o),
       unbounded(is_unbounded),
       shape(hash_grid_shape(o)),
-      table(shape.size()),
+      table(o.table_bits == 16 ? 0 : shape.size()),
+      half_table(o.table_bits == 16 ? shape.size() : 0),
       occupancy(cascades, occupancy_side(o, is_unbounded)),
       clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
   simd_target();  // chosen, or found missing, before any kernel runs
@@ -101,8 +106,13 @@ void GridField::initialise(uint64_t seed) {
   const size_t features = static_cast<size_t>(shape.features_per_entry());
   for (uint64_t r = 0; r < shape.rows; ++r) {
     Random random(seed, kTableStream, r);
-    for (size_t f = 0; f < features; ++f)
-      table[r * features + f] = 1e-4_r * (2 * random.uniform() - 1);
+    for (size_t i = r * features; i < (r + 1) * features; ++i) {
+      const Real feature = 1e-4_r * (2 * random.uniform() - 1);
+      if (table.size() > 0)
+        table[i] = feature;
+      else
+        half_table[i] = internal::float_to_half(static_cast<float>(feature));
+    }
   }
   std::fill(weights.begin(), weights.end(), 0.0_r);
   uint64_t layer = 0;
@@ -227,14 +237,20 @@ void place_samples(const GridField& field, const Vec3& entry, const Vec3& direct
 void encode_level(const GridField& field, size_t l, const GridPoints& points, int64_t n,
                   Real* features, int64_t ld) {
   const HashGridLevel& level = field.shape.levels[l];
-  const Real* table = field.table.data() + level.begin();
   alignas(64) Real one[4 * kChunkSamples];  // of one point of each sample
   const int64_t padded = round_up(n, kLane);
   for (int j = 0; j < points.per_sample; ++j) {
     const int64_t at = j * points.stride;
     Real* to = j == 0 ? features : one;
     const int64_t ldt = j == 0 ? ld : kChunkSamples;
-    hash_grid_forward(level, table, points.x + at, points.y + at, points.z + at, n, to, ldt);
+    const auto look_up = [&](const auto* table) {
+      hash_grid_forward(level, table + level.begin(), points.x + at, points.y + at, points.z + at,
+                        n, to, ldt);
+    };
+    if (field.options.table_bits == 16)
+      look_up(field.half_table.data());
+    else
+      look_up(field.table.data());
     if (points.spread) fade_level(level, points.spread + at, n, to, ldt);
     if (j > 0)
       for (int f = 0; f < level.features; ++f)

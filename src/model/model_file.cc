@@ -46,8 +46,10 @@ NdcFrame ndc_from(const JsonFields& f) {
   return frame;
 }
 
-// A table of half floats takes half the file, and costs less than 0.01 dB (tests/train measures
-// it).
+// Of a table in the file, whatever the training had. Half floats take half the room, and rounding
+// to them costs less than 0.01 dB (tests/train measures it).
+constexpr int kTableBits = 16;
+
 std::vector<uint16_t> to_half(std::span<const Real> values) {
   std::vector<uint16_t> out(values.size());
   for (size_t i = 0; i < out.size(); ++i) out[i] = float_to_half(static_cast<float>(values[i]));
@@ -107,10 +109,9 @@ RadianceField read_model(const ContainerReader& file) {
         "is a damaged model file: its occupancy does not have the size that its options ask for",
         file.where());
 
+  options.table_bits = kTableBits;
   auto field = std::make_shared<GridField>(options, info.unbounded, cascades);
-  std::vector<uint16_t> half(entries);
-  file.read("table", std::span(half));
-  for (size_t i = 0; i < half.size(); ++i) field->table[i] = half_to_float(half[i]);
+  file.read("table", field->half_table.span());
   read_networks(file, field->weights.span());
   std::vector<uint8_t> levels(field->occupancy.levels().size());
   file.read("occupancy", std::span(levels));
@@ -147,13 +148,17 @@ void RadianceField::save(const std::filesystem::path& path) const {
     file.save(path, internal::kModelFormat);
     return;
   }
-  header["options"] = Json::parse(options_to_json(grid_->options));
+  GridOptions options = grid_->options;
+  options.table_bits = internal::kTableBits;
+  header["options"] = Json::parse(options_to_json(options));
   header["cascades"] = grid_->occupancy.cascades();
   header["clip"] = {{"min", internal::corner_to_json(grid_->clip.min)},
                     {"max", internal::corner_to_json(grid_->clip.max)}};
   internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));
-  const std::vector<uint16_t> half = internal::to_half(grid_->table.span());
-  file.add("table", std::span<const uint16_t>(half));
+  std::vector<uint16_t> half;
+  std::span<const uint16_t> table = grid_->half_table.span();
+  if (table.empty()) table = half = internal::to_half(grid_->table.span());
+  file.add("table", table);
   const std::vector<float> weights = internal::to_single(grid_->weights.span());
   file.add("networks", std::span<const float>(weights));
   file.add("occupancy", grid_->occupancy.levels(), internal::SectionEncoding::kZlib);

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <type_traits>
 
+#include "base/half.h"
 #include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
 #include "train/lap.h"
@@ -28,14 +29,28 @@ int cascades_of(const Scene& scene) {
 OptimiserState::OptimiserState(const GridField& field)
     : rows(field.shape.rows),
       features(field.shape.features_per_entry()),
-      table_gradient(field.table.size()),
+      table_gradient(field.shape.size()),
       marks(rows),
-      row_states(kRowParts * field.table.size()),
+      row_states(kRowParts * field.shape.size()),
       listed(rows),
       listed_count(field.shape.levels.size()),
       network_gradient(field.weights.size()),
       network_m(field.weights.size()),
       network_v(field.weights.size()) {}
+
+void OptimiserState::take_weights(const GridField& field) {
+  const size_t f = static_cast<size_t>(features);
+  for (size_t i = 0; i < field.half_table.size(); ++i)
+    row_states[(i / f * kRowParts + kRowWeights) * f + i % f] =
+        internal::half_to_float(field.half_table[i]);
+}
+
+void OptimiserState::give_weights(GridField& field) const {
+  const size_t f = static_cast<size_t>(features);
+  for (size_t i = 0; i < field.half_table.size(); ++i)
+    field.half_table[i] = internal::float_to_half(
+        static_cast<float>(row_states[(i / f * kRowParts + kRowWeights) * f + i % f]));
+}
 
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t),
@@ -71,6 +86,7 @@ void GridTrainer::pack() {
 
 void GridTrainer::initialise() {
   field.initialise(options.seed ^ salt);
+  optimiser.take_weights(field);
   // A finer cascade answers for the middle of a coarser one.
   for (int c = 1; c < field.occupancy.cascades(); ++c)
     for (int64_t i = 0; i < field.occupancy.cells(); ++i) {
@@ -267,10 +283,16 @@ void GridTrainer::update_table(int64_t levels_on) {
   };
   const auto adam = [&](int64_t l, int64_t first, int64_t count) {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
-    adam_rows(step, level.features, list_of(l) + first, count,
-              optimiser.table_gradient.data() + level.begin(),
-              optimiser.row_states.data() + kRowParts * level.begin(),
-              field.table.data() + level.begin(), corrections.data());
+    const auto update = [&](auto* table) {
+      adam_rows(step, level.features, list_of(l) + first, count,
+                optimiser.table_gradient.data() + level.begin(),
+                optimiser.row_states.data() + kRowParts * level.begin(), table + level.begin(),
+                corrections.data());
+    };
+    if (field.options.table_bits == 16)
+      update(field.half_table.data());
+    else
+      update(field.table.data());
   };
   // A level's gradient is still in a cache right after it was summed; with many threads the levels
   // are too few to share the optimiser's work.
@@ -303,11 +325,10 @@ void GridTrainer::update_table(int64_t levels_on) {
 
 namespace {
 
-// Every array that a step reads and the step before wrote, but for the rows' states. Gradients and
-// marks are zero between steps.
+// Every array that a step reads and the step before wrote, but for the table and its rows' states.
+// Gradients and marks are zero between steps.
 template <class T, class Visit>
 void visit_arrays(T& t, Visit&& visit) {
-  visit("table", t.field.table.span());
   visit("networks", t.field.weights.span());
   visit("networks_m", t.optimiser.network_m.span());
   visit("networks_v", t.optimiser.network_v.span());
@@ -317,15 +338,20 @@ void visit_arrays(T& t, Visit&& visit) {
 }
 constexpr const char* kLevels = "occupancy";  // as of its last rebuild
 
-// A part of the states of all rows: of the moments a number for each feature, of the steps one.
+// The table, and of the states of all rows part by part: of the moments a number for each feature,
+// of the steps one.
 template <class T, class Visit>
-void visit_row_states(T& t, Visit&& visit) {
+void visit_rows(T& t, Visit&& visit) {
   auto* states = t.optimiser.row_states.data();
   const size_t features = static_cast<size_t>(t.optimiser.features);
   const auto part = [&](RowPart part, size_t count) {
     return internal::Strided<std::remove_pointer_t<decltype(states)>>{
         states + part * features, t.optimiser.rows, count, kRowParts * features};
   };
+  if (t.field.options.table_bits == 16)
+    visit("table", part(kRowWeights, features));
+  else
+    visit("table", t.field.table.span());
   visit("table_m", part(kRowM, features));
   visit("table_v", part(kRowV, features));
   visit("row_steps", part(kRowSteps, 1));
@@ -337,7 +363,7 @@ void GridTrainer::save_state(internal::ContainerWriter& file,
                              nlohmann::ordered_json& scalars) const {
   scalars["samples_per_ray"] = samples_per_ray;
   visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
-  visit_row_states(*this, [&](const char* name, auto states) { file.add(name, states); });
+  visit_rows(*this, [&](const char* name, auto states) { file.add(name, states); });
   file.add(kLevels, field.occupancy.levels(), internal::SectionEncoding::kZlib);
 }
 
@@ -348,7 +374,8 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
   std::ranges::fill(optimiser.table_gradient, 0.0_r);
   std::ranges::fill(optimiser.marks, uint8_t{0});
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
-  visit_row_states(*this, [&](const char* name, auto states) { file.read(name, states); });
+  visit_rows(*this, [&](const char* name, auto states) { file.read(name, states); });
+  optimiser.give_weights(field);
   field.occupancy.set_levels(levels);
   samples_per_ray = scalars.number("samples_per_ray");
   pack();

@@ -23,6 +23,10 @@ inline constexpr int kAccumulators = 32;
 // Gradients and moments of a field's parameters.
 struct OptimiserState {
   explicit OptimiserState(const GridField& field);
+  // Where the field's table holds half floats, of the weights that they are rounded from: begins
+  // with what the table holds, or rounds them into it.
+  void take_weights(const GridField& field);
+  void give_weights(GridField& field) const;
   uint64_t rows;                      // of the table
   int features;                       // of a row
   AlignedArray<Real> table_gradient;  // [rows][features], zero between steps

@@ -46,7 +46,9 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   const GridOptions& o = options.grid;
   const HashGridShape shape = hash_grid_shape(o);  // a resolution left open: the finest
   const uint64_t rows = shape.rows;
-  const uint64_t table = shape.size() * kFloat;
+  const uint64_t weights_of_rows = shape.size() * kFloat;
+  const uint64_t half_table = shape.size() * sizeof(uint16_t);
+  const uint64_t table = o.table_bits == 16 ? half_table : weights_of_rows;
 
   // A cell: opacity, level, and two masks of a bit.
   const uint64_t side = static_cast<uint64_t>(occupancy_side(o, unbounded));
@@ -65,7 +67,8 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
 
   // Gradient and states of the table, of the networks' weights gradient and two moments; a row's
   // mark and place in the list of those that have a gradient.
-  const uint64_t optimiser = (1 + kRowParts) * table + 3 * weights + (sizeof(uint32_t) + 1) * rows;
+  const uint64_t optimiser =
+      (1 + kRowParts) * weights_of_rows + 3 * weights + (sizeof(uint32_t) + 1) * rows;
   const uint64_t accumulators = kAccumulators * weights;
 
   // Values and gradients of a chunk, per thread.
@@ -84,8 +87,8 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
 
   // Besides the trainer, at different times: a copy of the field with its table in half precision
   // and its levels compressed (a saved model), a checkpoint read whole, moments made anew.
-  const uint64_t saving = field + table / 2 + cells;
-  const uint64_t resuming = 3 * (table + weights) + kFloat * rows + cells * (kFloat + 2);
+  const uint64_t saving = field + half_table + cells;
+  const uint64_t resuming = 3 * (weights_of_rows + weights) + kFloat * rows + cells * (kFloat + 2);
   const uint64_t restarting = optimiser;
   return field + optimiser + accumulators + workers + batch +
          std::max({saving, resuming, restarting});

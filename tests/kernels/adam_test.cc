@@ -4,8 +4,10 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <vector>
 
+#include "base/half.h"
 #include "kernels/exact_adam.h"
 #include "kernels/kernel_test.h"
 #include "kernels/row_states.h"
@@ -160,6 +162,60 @@ TEST(Adam, RowsStepAloneAndUntouchedOnesKeepEveryBit) {
       }
   });
   worst.report();
+}
+
+// Weights that stand in the states go where those of a table do, bit for bit, and the table
+// receives them rounded; that of other rows stays.
+TEST(Adam, RowsOfHalfFloatsAreRoundedFromTheirWeights) {
+  for_each_target([&](const std::string& target) {
+    Random random(45, 0, 0);
+    const AdamStep options{.rate = 1e-4_r};
+    std::vector<Real> correction(2 * kBiasCorrections);
+    bias_corrections(options, correction.data());
+    for (const size_t features : {size_t{4}, size_t{2}}) {
+      constexpr size_t kRows = 3000;
+      State s(kRows * features, random);
+      // From below the least half to beyond the largest, and what is no number.
+      for (Real& w : s.w) w *= std::pow(10.0_r, uniform(random, -9, 6));
+      s.w[1] = std::numeric_limits<Real>::quiet_NaN();
+      RowStates apart(kRows, static_cast<int>(features)), within(kRows, static_cast<int>(features));
+      const std::vector<Real> steps(kRows, 3.0_r);
+      for (RowStates* states : {&apart, &within}) states->set(s.gradient, s.m, s.v, steps);
+      within.set(kRowWeights, s.w);
+      for (size_t row = 0; row < kRows; ++row)
+        apart.marks[row] = within.marks[row] = row < 2 || random.uniform() < 0.3_r;
+      const AlignedArray<uint8_t> touched = apart.marks;
+      const AlignedArray<Real> before = s.w;
+      constexpr uint16_t kOld = 0x1234;
+      AlignedArray<uint16_t> rounded(s.w.size());
+      std::ranges::fill(rounded, kOld);
+      apart.take_marked();
+      within.take_marked();
+      adam_rows(options, static_cast<int>(features), apart.list(), apart.count(),
+                apart.gradient.data(), apart.data(), s.w.data(), correction.data());
+      adam_rows(options, static_cast<int>(features), within.list(), within.count(),
+                within.gradient.data(), within.data(), rounded.data(), correction.data());
+      const auto bits = [](const std::vector<Real>& values) {
+        return std::string(reinterpret_cast<const char*>(values.data()),
+                           values.size() * sizeof(Real));
+      };
+      for (const RowPart part : {kRowM, kRowV, kRowSteps})
+        EXPECT_EQ(bits(apart.part(part)), bits(within.part(part))) << part;
+      EXPECT_TRUE(std::ranges::equal(apart.gradient, within.gradient));
+      const std::vector<Real> weights = within.part(kRowWeights);
+      EXPECT_EQ(bits(weights), bits({s.w.begin(), s.w.end()}));
+      for (size_t i = 0; i < weights.size(); ++i) {
+        if (!touched[i / features]) {
+          ASSERT_EQ(rounded[i], kOld) << i;
+        } else if (std::isnan(weights[i])) {
+          ASSERT_TRUE(std::isnan(internal::half_to_float(rounded[i])));
+        } else {
+          ASSERT_EQ(rounded[i], internal::float_to_half(static_cast<float>(weights[i])))
+              << target << ": " << weights[i] << " was " << before[i];
+        }
+      }
+    }
+  });
 }
 
 // Rows that are touched in every step go where dense parameters go: the moments bit for bit, the

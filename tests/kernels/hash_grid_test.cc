@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "base/half.h"
 #include "golden/golden.h"
 #include "kernels/kernel_test.h"
 #include "kernels/row_states.h"
@@ -83,6 +84,34 @@ TEST(HashGrid, Forward) {
     }
   });
   worst.report();
+}
+
+// Half floats are looked up as the numbers that they are, those below the least normal one too.
+TEST(HashGrid, ForwardOfHalfFloatsIsThatOfTheirNumbers) {
+  for_each_target([&](const std::string& target) {
+    Random random(33, 0, 0);
+    for (const HashGridLevel& level : levels()) {
+      AlignedArray<uint16_t> half(size_of(level));
+      AlignedArray<Real> table(half.size());
+      for (size_t i = 0; i < half.size(); ++i) {
+        half[i] = static_cast<uint16_t>(random.below(0x7c00) | random.below(2) << 15);
+        table[i] = static_cast<Real>(internal::half_to_float(half[i]));
+      }
+      for (int64_t n : kCounts) {
+        const Positions at(n, random);
+        Matrix want(level.features, n), got(level.features, n);
+        hash_grid_forward(level, table.data(), at.row(0), at.row(1), at.row(2), n, want.data.data(),
+                          want.ld);
+        hash_grid_forward(level, half.data(), at.row(0), at.row(1), at.row(2), n, got.data.data(),
+                          got.ld);
+        for (int f = 0; f < level.features; ++f)
+          for (int64_t s = 0; s < n; ++s)
+            ASSERT_EQ(got.at(f, s), want.at(f, s))
+                << target << ", scale " << level.scale << ", feature " << f << ", sample " << s;
+        got.expect_untouched_beyond_padding();
+      }
+    }
+  });
 }
 
 // Table gradients are the sum over samples of the template's; rows that no sample reaches stay as

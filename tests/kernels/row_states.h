@@ -25,7 +25,6 @@ class RowStates {
   Real* data() { return states_.data(); }
   const uint32_t* list() const { return listed_.data(); }
   int64_t count() const { return count_; }
-  std::span<const uint32_t> listed() const { return std::span(listed_).first(size_t(count_)); }
   // Takes the rows that are marked.
   void take_marked() {
     count_ = list_rows(static_cast<int64_t>(rows_), marks.data(), listed_.data());
@@ -45,6 +44,10 @@ class RowStates {
     set(kRowV, v);
     set(kRowSteps, steps);
   }
+  void set(RowPart part, std::span<const Real> values) {
+    const size_t count = numbers(part);
+    for (size_t i = 0; i < values.size(); ++i) at(i / count, part, i % count) = values[i];
+  }
   void take(std::span<Real> of_gradient, std::span<Real> m, std::span<Real> v,
             std::span<Real> steps) {
     std::ranges::copy(gradient, of_gradient.begin());
@@ -60,10 +63,6 @@ class RowStates {
   size_t numbers(RowPart part) const { return part == kRowSteps ? 1 : features_; }
   Real& at(size_t row, RowPart part, size_t number) {
     return states_[(row * kRowParts + part) * features_ + number];
-  }
-  void set(RowPart part, std::span<const Real> values) {
-    const size_t count = numbers(part);
-    for (size_t i = 0; i < values.size(); ++i) at(i / count, part, i % count) = values[i];
   }
 
   size_t rows_, features_;

@@ -28,6 +28,7 @@ const std::vector<std::vector<int>> kCounts = {  // samples of each ray, step by
 
 GridOptions tiny_options() {
   GridOptions o;
+  o.table_bits = 32;
   o.levels = 2;
   o.log2_entries = 6;
   o.occupancy_side = 16;

@@ -10,6 +10,7 @@
 #include "nerf/model/grid_field.h"
 #include "nerf/model/options_json.h"
 #include "nerf/model/renderer.h"
+#include "support/tables.h"
 #include "support/temp_folder.h"
 
 namespace nerf {
@@ -42,8 +43,10 @@ ModelInfo sample_info() {
   return info;
 }
 
-RadianceField sample_field(bool unbounded = false, int cascades = 1, int features = 4) {
+RadianceField sample_field(bool unbounded = false, int cascades = 1, int features = 4,
+                           int table_bits = 32) {
   GridOptions options;
+  options.table_bits = table_bits;
   options.features = features;
   options.levels = 2;
   options.log2_entries = 10;
@@ -54,7 +57,7 @@ RadianceField sample_field(bool unbounded = false, int cascades = 1, int feature
   options.sampler.uniform_share = 0.1_r;
   auto grid = std::make_shared<GridField>(options, unbounded, cascades);
   grid->initialise(3);
-  for (size_t i = 0; i < grid->table.size(); ++i) grid->table[i] *= 1e4_r;
+  test::scale_table(*grid, 1e4_r);
   std::vector<uint8_t> levels(grid->occupancy.levels().size());
   for (size_t i = 0; i < levels.size(); ++i) levels[i] = (i >> 6) % 5 == 0 ? i % 7 : 0;
   grid->occupancy.set_levels(levels);
@@ -78,6 +81,21 @@ std::string reading(std::vector<uint8_t> bytes) {
 void set_checksum(std::vector<uint8_t>& bytes) {
   const auto crc = static_cast<uint32_t>(::crc32_z(0, bytes.data(), bytes.size() - 4));
   std::memcpy(bytes.data() + bytes.size() - 4, &crc, 4);
+}
+
+// What is looked up in half floats is saved as it is, and read as it was.
+TEST(ModelFile, KeepsEveryBitOfATableOfHalfFloats) {
+  const RadianceField saved = sample_field(false, 1, 4, 16);
+  test::TempFolder folder;
+  saved.save(folder / "m");
+  const RadianceField loaded = RadianceField::load(folder / "m");
+  const auto bits = [](const RadianceField& f) {
+    return std::vector<uint16_t>(f.grid().half_table.begin(), f.grid().half_table.end());
+  };
+  EXPECT_EQ(bits(saved), bits(loaded));
+  EXPECT_EQ(saved.grid().table.size(), 0u);
+  EXPECT_GT(loaded.grid().half_table.size(), 0u);
+  EXPECT_EQ(file_of(saved), file_of(loaded));
 }
 
 TEST(ModelFile, KeepsEverything) {
@@ -109,14 +127,18 @@ TEST(ModelFile, KeepsEverything) {
       EXPECT_EQ(a.views[i].time, b.views[i].time);
     }
     const GridField &f = saved.grid(), &g = loaded.grid();
-    EXPECT_EQ(options_to_json(f.options), options_to_json(g.options));
+    GridOptions options = f.options;
+    options.table_bits = 16;  // as the file is
+    EXPECT_EQ(options_to_json(options), options_to_json(g.options));
     EXPECT_EQ(f.clip.min, g.clip.min);
     EXPECT_EQ(f.clip.max, g.clip.max);
     EXPECT_TRUE(std::equal(f.weights.begin(), f.weights.end(), g.weights.begin(),
                            [](Real a, Real b) { return static_cast<float>(a) == b; }));
-    ASSERT_EQ(f.table.size(), g.table.size());
+    ASSERT_EQ(f.table.size(), g.half_table.size());
     for (size_t i = 0; i < f.table.size(); ++i)
-      ASSERT_NEAR(f.table[i], g.table[i], std::fabs(f.table[i]) / 2048) << i;
+      ASSERT_NEAR(f.table[i], static_cast<Real>(internal::half_to_float(g.half_table[i])),
+                  std::fabs(f.table[i]) / 2048)
+          << i;
     ASSERT_EQ(f.occupancy.cascades(), g.occupancy.cascades());
     const auto p = f.occupancy.levels(), q = g.occupancy.levels();
     EXPECT_TRUE(std::equal(p.begin(), p.end(), q.begin(), q.end()));

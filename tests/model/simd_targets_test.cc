@@ -11,6 +11,7 @@
 #include "nerf/model/renderer.h"
 #include "support/cameras.h"
 #include "support/network_options.h"
+#include "support/tables.h"
 
 namespace nerf {
 namespace {
@@ -62,13 +63,14 @@ ModelInfo some_info() {
 TEST(SimdTargets, PicturesOfTheGrid) {
   for (const bool unbounded : {false, true}) {
     GridOptions o;
+    o.table_bits = unbounded ? 16 : 32;
     o.levels = 4;
     o.log2_entries = 12;
     o.occupancy_side = 64;
     o.hidden = 32;
     auto grid = std::make_shared<GridField>(o, unbounded, unbounded ? 2 : 1);
     grid->initialise(3);
-    for (Real& v : grid->table) v *= 1e4_r;
+    test::scale_table(*grid, 1e4_r);
     grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 20));
     expect_same_pictures(RadianceField(some_info(), grid));
   }

@@ -7,6 +7,7 @@ namespace nerf::test {
 
 inline GridOptions small_options(int density_layers, int colour_layers) {
   GridOptions o;
+  o.table_bits = 32;  // gradients are found as they are
   o.levels = 2;
   o.log2_entries = 8;
   o.occupancy_side = 64;

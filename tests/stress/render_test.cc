@@ -78,6 +78,8 @@ TEST(StressRender, EveryPixelOfEveryView) {
     const int cascades = unbounded ? 4 : 1;
     fields.emplace_back("wild", wild_field(unbounded, cascades, 1, 2, 7, frame));
     fields.emplace_back("huge", wild_field(unbounded, cascades, 1e6_r, 1e3_r, 8, frame));
+    fields.emplace_back("huge half floats",  // the largest there are, 65504
+                        wild_field(unbounded, cascades, 1e6_r, 1e3_r, 8, frame, 16));
     fields.emplace_back("faint", wild_field(unbounded, cascades, 1e-30_r, 1e-3_r, 9, frame));
     fields.emplace_back("white wall",
                         constant_field({unbounded, cascades, 1e4_r, {1e4_r, 1e4_r, 1e4_r}}, frame));

@@ -13,6 +13,7 @@
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
 #include "support/cameras.h"
+#include "support/tables.h"
 
 namespace nerf::stress {
 
@@ -27,6 +28,7 @@ struct ConstantField {
 
 inline GridOptions small_options() {
   GridOptions options;
+  options.table_bits = 32;  // features of any size
   options.levels = 2;
   options.log2_entries = 10;
   options.base_resolution = 4;
@@ -66,10 +68,13 @@ inline RadianceField constant_field(const ConstantField& c, const Similarity& to
 
 // Random weights of the given sizes: densities over many magnitudes, colours of all kinds.
 inline RadianceField wild_field(bool unbounded, int cascades, Real features, Real gain,
-                                uint64_t seed, const Similarity& to_engine = {}) {
-  auto grid = std::make_shared<GridField>(small_options(), unbounded, cascades);
+                                uint64_t seed, const Similarity& to_engine = {},
+                                int table_bits = 32) {
+  GridOptions options = small_options();
+  options.table_bits = table_bits;
+  auto grid = std::make_shared<GridField>(options, unbounded, cascades);
   grid->initialise(seed);
-  for (Real& v : grid->table) v *= features / 1e-4_r;
+  test::scale_table(*grid, features / 1e-4_r);
   for (Real& v : grid->weights) v *= gain;
   std::vector<uint8_t> levels(grid->occupancy.levels().size());
   for (size_t i = 0; i < levels.size(); ++i) {

@@ -22,9 +22,16 @@ using test::tiny_options;
 
 constexpr int64_t kHalf = 40;  // passes the refreshes of all cells at steps 32 and 64
 
-std::vector<uint8_t> bits_after(const test::SyntheticCapture& c, int threads, int64_t steps) {
+TrainOptions both_halves(int table_bits) {
+  TrainOptions options = tiny_options(2 * kHalf);
+  options.grid.table_bits = table_bits;
+  return options;
+}
+
+std::vector<uint8_t> bits_after(const test::SyntheticCapture& c, int threads, int64_t steps,
+                                int table_bits = 16) {
   ThreadPool pool(threads);
-  Trainer trainer(c.scene, c.photos, tiny_options(2 * kHalf), pool);
+  Trainer trainer(c.scene, c.photos, both_halves(table_bits), pool);
   for (int64_t i = 0; i < steps; ++i) trainer.step();
   return bits_of(trainer);
 }
@@ -33,17 +40,19 @@ TEST(Checkpoint, TrainingGoesOnBitForBit) {
   const auto c = sphere_capture();
   test::TempFolder folder;
   ThreadPool pool(2);
-  {
-    Trainer first(c.scene, c.photos, tiny_options(2 * kHalf), pool);
-    for (int64_t i = 0; i < kHalf; ++i) first.step();
-    first.save_checkpoint(folder / "c", "a word of the caller's");
+  for (const int table_bits : {16, 32}) {
+    {
+      Trainer first(c.scene, c.photos, both_halves(table_bits), pool);
+      for (int64_t i = 0; i < kHalf; ++i) first.step();
+      first.save_checkpoint(folder / "c", "a word of the caller's");
+    }
+    Trainer second(c.scene, c.photos, both_halves(table_bits), pool);
+    second.step();  // what was there before must not matter
+    EXPECT_EQ(second.load_checkpoint(folder / "c"), "a word of the caller's");
+    EXPECT_EQ(second.steps_done(), kHalf);
+    for (int64_t i = 0; i < kHalf; ++i) second.step();
+    EXPECT_EQ(bits_of(second), bits_after(c, 2, 2 * kHalf, table_bits)) << table_bits;
   }
-  Trainer second(c.scene, c.photos, tiny_options(2 * kHalf), pool);
-  second.step();  // what was there before must not matter
-  EXPECT_EQ(second.load_checkpoint(folder / "c"), "a word of the caller's");
-  EXPECT_EQ(second.steps_done(), kHalf);
-  for (int64_t i = 0; i < kHalf; ++i) second.step();
-  EXPECT_EQ(bits_of(second), bits_after(c, 2, 2 * kHalf));
 }
 
 TEST(Checkpoint, ThreadsChangeNothing) {
@@ -63,7 +72,7 @@ TEST(Checkpoint, SeedAndSaltChangeTheBits) {
     Trainer trainer(c.scene, c.photos, options, pool);
     if (salt) trainer.vary(salt, 1);
     trainer.step();
-    return trainer.snapshot().grid().table;
+    return trainer.snapshot().grid().half_table;
   };
   const auto a = after(1, 0), b = after(2, 0), d = after(1, 7);
   EXPECT_TRUE(std::equal(a.begin(), a.end(), after(1, 0).begin()));
@@ -175,7 +184,7 @@ TEST_F(CheckpointErrors, AnotherRealIsNamed) {
 
 TEST_F(CheckpointErrors, AnotherVersionHasItsOwnMessage) {
   EXPECT_TRUE(contains(loading_changed([](auto& b) { b[8] = 9; }),
-                       "checkpoint of version 9; this program reads version 4"));
+                       "checkpoint of version 9; this program reads version 5"));
 }
 
 TEST_F(CheckpointErrors, DamageIsFound) {

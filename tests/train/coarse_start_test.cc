@@ -106,13 +106,13 @@ TEST(LateLevels, AreLearntOnceTheyAreOn) {
   EXPECT_EQ(trainer.levels_at(29), 2);
   EXPECT_EQ(trainer.levels_at(38), 3);
   EXPECT_EQ(trainer.levels_at(45), 4);
-  const AlignedArray<Real> before = trainer.field.table;
+  const AlignedArray<uint16_t> before = trainer.field.half_table;
   const auto changed = [&](size_t l) {
     const HashGridLevel& level = trainer.field.shape.levels[l];
     const auto begin = static_cast<std::ptrdiff_t>(level.begin());
     const auto end = begin + static_cast<std::ptrdiff_t>(level.entries) * level.features;
     return !std::equal(before.begin() + begin, before.begin() + end,
-                       trainer.field.table.begin() + begin);
+                       trainer.field.half_table.begin() + begin);
   };
   for (int step = 0; step < 30; ++step) trainer.step();
   EXPECT_TRUE(changed(0) && changed(1));

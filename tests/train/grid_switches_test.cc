@@ -110,6 +110,7 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.antialias = true; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.cone_points = 6; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.features = 2; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.table_bits = 32; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.finest_resolution = 0; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.grid.colour_per_ray = true; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.shared_colour = 0; }));

@@ -187,7 +187,7 @@ TEST(Run, ABudgetOfTimeFixesItsPlanAndIsRepeatedBySteps) {
   Trainer counted(c.scene, c.photos, tiny_options(plan), pool);
   run_training(counted, quiet(), {});
   EXPECT_EQ(counted.options().steps, plan);
-  const auto a = timed.snapshot().grid().table, b = counted.snapshot().grid().table;
+  const auto a = timed.snapshot().grid().half_table, b = counted.snapshot().grid().half_table;
   EXPECT_TRUE(std::equal(a.begin(), a.end(), b.begin(), b.end()));
 }
 

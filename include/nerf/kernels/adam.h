@@ -25,9 +25,10 @@ void adam_dense(const AdamStep& options, int64_t step, int64_t n, const Real* gr
 
 // What Adam keeps of a table's row of F features beside its weights and gradient: parts of F
 // numbers, side by side, so that a step waits for one line of memory and not for one of each array.
-// The part of steps begins with the number of steps that the row took. There is room for a part
-// more than are used, or rows would lie across two lines (64 bytes of float where F is 4).
-enum RowPart { kRowM, kRowV, kRowSteps, kRowParts = 4 };
+// The part of steps begins with the number of steps that the row took. The weights' part is in use
+// only where the table holds them rounded (half floats); it is there always, or rows would lie
+// across two lines (64 bytes of float where F is 4).
+enum RowPart { kRowM, kRowV, kRowSteps, kRowWeights, kRowParts };
 inline constexpr Real kMostRowSteps = 65535;  // counted no further: the correction has long been 1
 
 // Lists the rows whose mark is not 0, in their order, and clears the marks (hash_grid_backward()
@@ -40,6 +41,10 @@ int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list);
 // bias_corrections(...).
 void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
                Real* gradient, Real* states, Real* weights, const Real* correction);
+// The same of weights that stand in the states (kRowWeights); rounded receives them as half floats
+// [..][features], to nearest, ties to even, those beyond the largest (65504) as that one.
+void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+               Real* gradient, Real* states, uint16_t* rounded, const Real* correction);
 
 // For a step t in [0, kBiasCorrections): correction[2 t] = 1 / (1 - beta1^t) and
 // correction[2 t + 1] = 1 / sqrt(1 - beta2^t); later steps use the last entry.

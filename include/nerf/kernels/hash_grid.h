@@ -46,6 +46,9 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
 // rounded up to kLane (linear.h).
 void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
                        const Real* z, int64_t n, Real* features, int64_t ld);
+// The same of a table of half floats (IEEE 754, 16 bits), aligned to one row.
+void hash_grid_forward(const HashGridLevel& level, const uint16_t* table, const Real* x,
+                       const Real* y, const Real* z, int64_t n, Real* features, int64_t ld);
 
 // Adds the features' gradient to that of the level's rows ([entries][features], aligned to 64
 // bytes) and sets the marks (a byte for each row, adam.h) of those that it adds to. Samples whose

@@ -37,6 +37,7 @@ struct GridOptions {
   int colour_layers = 2;
   int geometry_features = 16;
   int occupancy_side = 0;
+  int table_bits = 16;
   bool antialias = false;
   int cone_points = 1;
   bool colour_per_ray = false;
@@ -66,6 +67,10 @@ struct GridOptions {
       "has "
       "bounds, else 128",
       at_least(0), at_most(OccupancyGrid::kMostSide));
+    v("table_bits", table_bits,
+      "bits of a feature in the tables that are looked up, 16 (half floats, rounded from weights "
+      "of 32) or 32",
+      at_least(16), at_most(32));
     v("antialias", antialias,
       "fades resolutions out that a pixel's cone is wider than, so that one model fits pictures of "
       "several sizes (see --scales)");
@@ -108,7 +113,10 @@ struct GridField {
   GridOptions options;
   bool unbounded;
   HashGridShape shape;
-  AlignedArray<Real> table;  // shape.rows x shape.features_per_entry()
+  // Features of the hash grid, [shape.rows][shape.features_per_entry()]: half floats where
+  // options.table_bits is 16, else numbers. The other is empty.
+  AlignedArray<Real> table;
+  AlignedArray<uint16_t> half_table;
   std::vector<LinearWeights> density_layers, colour_layers;
   AlignedArray<Real> weights;  // of both networks
   std::vector<LinearWeights> layers() const;

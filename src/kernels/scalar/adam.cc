@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/half.h"
+
 namespace nerf {
 namespace {
 
@@ -14,6 +16,28 @@ void update(const AdamStep& o, Real c1, Real c2, Real g, Real& m, Real& v, Real&
   m = o.beta1 * m + (1 - o.beta1) * g;
   v = o.beta2 * v + (1 - o.beta2) * (g * g);
   w -= c1 * (m / (std::sqrt(v) * c2 + o.epsilon));
+}
+
+// Calls step_number(at, kept, step) for each number of each listed row: it stands at [at] of the
+// table, `kept` is that of the states, and step(weight) takes the step on whichever it is.
+template <class Step>
+void each_listed(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+                 Real* gradient, Real* states, const Real* correction, const Step& step_number) {
+  for (int64_t i = 0; i < count; ++i) {
+    const int64_t row = list[i];
+    Real* const state = states + row * kRowParts * features;
+    Real* const g = gradient + row * features;
+    Real* const steps = state + kRowSteps * features;
+    steps[0] = std::min(steps[0] + 1, kMostRowSteps);
+    const int t = std::min(static_cast<int>(steps[0]), kBiasCorrections - 1);
+    const Real c1 = options.rate * correction[2 * t], c2 = correction[2 * t + 1];
+    for (int f = 0; f < features; ++f) {
+      step_number(row * features + f, state[kRowWeights * features + f], [&](Real& w) {
+        update(options, c1, c2, g[f], state[kRowM * features + f], state[kRowV * features + f], w);
+      });
+      g[f] = 0;
+    }
+  }
 }
 
 }  // namespace
@@ -38,19 +62,17 @@ int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list) {
 
 void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
                Real* gradient, Real* states, Real* weights, const Real* correction) {
-  for (int64_t i = 0; i < count; ++i) {
-    Real* const state = states + int64_t{list[i]} * kRowParts * features;
-    Real* const g = gradient + int64_t{list[i]} * features;
-    Real* const w = weights + int64_t{list[i]} * features;
-    Real* const steps = state + kRowSteps * features;
-    steps[0] = std::min(steps[0] + 1, kMostRowSteps);
-    const int t = std::min(static_cast<int>(steps[0]), kBiasCorrections - 1);
-    const Real c1 = options.rate * correction[2 * t], c2 = correction[2 * t + 1];
-    for (int f = 0; f < features; ++f) {
-      update(options, c1, c2, g[f], state[kRowM * features + f], state[kRowV * features + f], w[f]);
-      g[f] = 0;
-    }
-  }
+  each_listed(options, features, list, count, gradient, states, correction,
+              [&](int64_t at, Real&, const auto& step) { step(weights[at]); });
+}
+
+void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
+               Real* gradient, Real* states, uint16_t* rounded, const Real* correction) {
+  each_listed(options, features, list, count, gradient, states, correction,
+              [&](int64_t at, Real& weight, const auto& step) {
+                step(weight);
+                rounded[at] = internal::float_to_half(static_cast<float>(weight));
+              });
 }
 
 }  // namespace nerf

@@ -1,5 +1,6 @@
 #include "nerf/kernels/hash_grid.h"
 
+#include "base/half.h"
 #include "nerf/kernels/linear.h"
 #include "nerf/math/reference/hash_grid.h"
 
@@ -19,17 +20,30 @@ void each_sample(const HashGridLevel& level, const Real* x, const Real* y, const
     body(reference::grid_corners<Real>(grid, {inside(x[s]), inside(y[s]), inside(z[s])}), s);
 }
 
+// number(i): the i-th of the table.
+template <class Number>
+void interpolate(const HashGridLevel& level, const Real* x, const Real* y, const Real* z, int64_t n,
+                 Real* features, int64_t ld, const Number& number) {
+  each_sample(level, x, y, z, n, [&](const auto& corners, int64_t s) {
+    for (int f = 0; f < level.features; ++f) {
+      Real sum = 0;
+      for (const auto& c : corners) sum += c.weight * number(size_t{c.row} * level.features + f);
+      features[f * ld + s] = sum;
+    }
+  });
+}
+
 }  // namespace
 
 void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
                        const Real* z, int64_t n, Real* features, int64_t ld) {
-  each_sample(level, x, y, z, n, [&](const auto& corners, int64_t s) {
-    for (int f = 0; f < level.features; ++f) {
-      Real sum = 0;
-      for (const auto& c : corners) sum += c.weight * table[size_t{c.row} * level.features + f];
-      features[f * ld + s] = sum;
-    }
-  });
+  interpolate(level, x, y, z, n, features, ld, [&](size_t i) { return table[i]; });
+}
+
+void hash_grid_forward(const HashGridLevel& level, const uint16_t* table, const Real* x,
+                       const Real* y, const Real* z, int64_t n, Real* features, int64_t ld) {
+  interpolate(level, x, y, z, n, features, ld,
+              [&](size_t i) { return static_cast<Real>(internal::half_to_float(table[i])); });
 }
 
 void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y, const Real* z,
