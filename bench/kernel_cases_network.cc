@@ -87,13 +87,18 @@ KernelRun layer_run(int in, int out, int threads, Precision precision, LayerKern
   return run;
 }
 
+// Forward alone; each chunk forward and then backward while its values are in a cache, as the
+// trainers go; or forward over the whole batch, whose values wait in memory, and then backward.
+enum class Passes { kForward, kByChunk, kWholeBatch };
+
 // ReLU layers with a linear last one, on a tape as the model records it.
 class Network {
  public:
-  Network(const std::vector<int>& widths, int64_t samples, bool backward, int threads,
+  Network(const std::vector<int>& widths, int64_t samples, Passes passes, int threads,
           Precision precision)
       : samples_(samples),
-        backward_(backward),
+        passes_(passes),
+        backward_(passes != Passes::kForward),
         precision_(precision),
         chunk_samples_(chunk_samples(widths)),
         tape_(chunk_samples_, kLane) {
@@ -106,7 +111,7 @@ class Network {
     std::vector<LinearWeights*> placed;
     for (LinearWeights& w : layers_) placed.push_back(&w);
     place_packs(placed);
-    input_ = tape_.input(widths.front(), Domain::kSamples, backward);
+    input_ = tape_.input(widths.front(), Domain::kSamples, backward_);
     output_ = mlp(tape_, input_, layers_);
     tape_.plan();
     weights_ = AlignedArray<Real>(size);
@@ -118,10 +123,13 @@ class Network {
           weights_[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
               scale * random[static_cast<size_t>(j * w.in + k)];
     }
-    const size_t floats = static_cast<size_t>(chunks()) * in_floats();
+    const size_t floats = static_cast<size_t>(chunks()) * floats_of(input_);
     features_ = noise(floats, 4);
-    if (backward) d_features_ = AlignedArray<Real>(floats);
-    d_output_ = noise(static_cast<size_t>(widths.back()) * stride(), 5);
+    if (backward_) d_features_ = AlignedArray<Real>(floats);
+    d_output_ = noise(floats_of(output_), 5);
+    if (passes == Passes::kWholeBatch)
+      for (Value v = 0; v <= output_; ++v)
+        kept_.emplace_back(v == input_ ? 0 : static_cast<size_t>(chunks()) * floats_of(v));
     for (int i = 0; i < threads; ++i) {
       chunks_.push_back(std::make_unique<Chunk>(tape_));
       gradients_.emplace_back(size);
@@ -139,19 +147,25 @@ class Network {
 
   void run(ThreadPool& pool) {
     pack_layers(layers_, weights_.data(), precision_, packs_, pool);
-    pool.parallel_for_thread(chunks(), [&](int64_t c, int thread) {
-      Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
-      chunk.samples = static_cast<int>(
-          std::min<int64_t>(chunk_samples_, samples_ - c * int64_t{chunk_samples_}));
-      // As the grid's trainer: features are read where the lookups put them, and their gradient
-      // goes where the scatter reads it.
-      const size_t at = static_cast<size_t>(c) * in_floats();
-      chunk.bind(input_, features_.data() + at, backward_ ? d_features_.data() + at : nullptr);
-      tape_.forward(chunk);
-      if (!backward_) return;
+    const auto each_chunk = [&](const auto& body) {
+      pool.parallel_for_thread(chunks(), [&](int64_t c, int thread) {
+        Chunk& chunk = *chunks_[static_cast<size_t>(thread)];
+        take(chunk, c);
+        body(chunk);
+      });
+    };
+    const auto forward = [&](Chunk& chunk) { tape_.forward(chunk); };
+    const auto backward = [&](Chunk& chunk) {
       std::memcpy(chunk.gradient(output_), d_output_.data(), d_output_.size() * sizeof(Real));
       tape_.backward(chunk);
-    });
+    };
+    if (passes_ == Passes::kByChunk)
+      return each_chunk([&](Chunk& chunk) {
+        forward(chunk);
+        backward(chunk);
+      });
+    each_chunk(forward);
+    if (passes_ == Passes::kWholeBatch) each_chunk(backward);
   }
 
  private:
@@ -162,10 +176,24 @@ class Network {
     return widest <= 64 ? kChunkSamples : NetworkLevels::chunk_samples(widest);
   }
   int64_t chunks() const { return (samples_ + chunk_samples_ - 1) / chunk_samples_; }
-  size_t stride() const { return static_cast<size_t>(tape_.capacity(Domain::kSamples)); }
-  size_t in_floats() const { return static_cast<size_t>(layers_.front().in) * stride(); }
+  size_t floats_of(Value v) const {
+    return static_cast<size_t>(tape_.rows(v)) *
+           static_cast<size_t>(tape_.capacity(Domain::kSamples));
+  }
+  // As the grid's trainer: features are read where the lookups put them, and their gradient goes
+  // where the scatter reads it.
+  void take(Chunk& chunk, int64_t c) {
+    chunk.samples =
+        static_cast<int>(std::min<int64_t>(chunk_samples_, samples_ - c * int64_t{chunk_samples_}));
+    const size_t at = static_cast<size_t>(c) * floats_of(input_);
+    chunk.bind(input_, features_.data() + at, backward_ ? d_features_.data() + at : nullptr);
+    for (Value v = 0; v < static_cast<Value>(kept_.size()); ++v)
+      if (AlignedArray<Real>& kept = kept_[static_cast<size_t>(v)]; kept.size() > 0)
+        chunk.bind(v, kept.data() + static_cast<size_t>(c) * floats_of(v), nullptr);
+  }
 
   int64_t samples_;
+  Passes passes_;
   bool backward_;
   Precision precision_;
   int chunk_samples_;
@@ -176,11 +204,12 @@ class Network {
   LayerPacks packs_;
   std::vector<std::unique_ptr<Chunk>> chunks_;
   std::vector<AlignedArray<Real>> gradients_;
+  std::vector<AlignedArray<Real>> kept_;  // each value of the whole batch, between two passes
 };
 
-KernelRun network_run(const std::vector<int>& widths, int64_t samples, bool backward, int threads,
+KernelRun network_run(const std::vector<int>& widths, int64_t samples, Passes passes, int threads,
                       Precision precision) {
-  auto network = std::make_shared<Network>(widths, samples, backward, threads, precision);
+  auto network = std::make_shared<Network>(widths, samples, passes, threads, precision);
   KernelRun run;
   run.work = network->flops();
   run.ceiling = precision == Precision::kBf16 ? bf16_ceiling : fma_ceiling;
@@ -220,15 +249,20 @@ std::vector<KernelCase> network_cases() {
                   {"32-64-64-64-3", {32, 64, 64, 64, 3}, 18},
                   {"63-256x8-4", {63, 256, 256, 256, 256, 256, 256, 256, 256, 4}, 14},
                   {"504-1024x4-4", {504, 1024, 1024, 1024, 1024, 4}, 12}};
+  const struct {
+    const char* name;
+    Passes passes;
+  } passes[] = {{"forward", Passes::kForward},
+                {"forward+backward", Passes::kByChunk},
+                {"forward, then backward", Passes::kWholeBatch}};
   for (const auto& n : networks)
-    for (const bool backward : {false, true}) {
+    for (const auto& p : passes) {
       const auto make = [=](Precision precision) {
         return [=](int threads) {
-          return network_run(n.widths, int64_t{1} << n.log2_samples, backward, threads, precision);
+          return network_run(n.widths, int64_t{1} << n.log2_samples, p.passes, threads, precision);
         };
       };
-      cases.push_back({fmt::format("MLP {} forward{}, 2^{} samples", n.name,
-                                   backward ? "+backward" : "", n.log2_samples),
+      cases.push_back({fmt::format("MLP {} {}, 2^{} samples", n.name, p.name, n.log2_samples),
                        Unit::kFlops, kBoundFma, make(Precision::kF32), make(Precision::kBf16)});
     }
   return cases;

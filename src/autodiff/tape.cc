@@ -69,7 +69,7 @@ Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()), bound(t.values_
 }
 
 void Chunk::bind(Value v, Real* data, Real* gradient) {
-  NERF_CHECK(tape->producer(v) == nullptr && (!gradient || tape->needs_gradient(v)));
+  NERF_CHECK(!gradient || (tape->producer(v) == nullptr && tape->needs_gradient(v)));
   bound[static_cast<size_t>(v)] = {data, gradient};
 }
 

@@ -4,6 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "nerf/kernels/elementwise.h"
+#include "nerf/kernels/linear.h"
+#include "nerf/kernels/resampling.h"
+
 namespace nerf {
 
 bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1) {
@@ -33,7 +37,14 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
   // A ray crosses at most three cells per unit of each axis it moves along, in every cascade.
   segments_.resize(
       static_cast<size_t>(grid.cascades()) * 3 * (static_cast<size_t>(grid.side()) + 1) + 64);
+  for (auto* a : {&thickness_, &opacity_, &one_})
+    *a = AlignedArray<Real>(
+        static_cast<size_t>(round_up(static_cast<int64_t>(segments_.size()), kLane)));
+  std::ranges::fill(one_, 1.0_r);
   mass_.resize(segments_.size());
+  for (auto* v : {&ends_, &mass_at_ends_}) v->resize(2 * segments_.size());
+  for (auto* v : {&matter_below_, &mass_below_}) v->resize(segments_.size() + 1);
+  targets_.resize(static_cast<size_t>(options_.max_samples));
 }
 
 // Traversal of a regular grid (Amanatides and Woo 1987) in two levels: bricks of 4^3 cells, and the
@@ -227,12 +238,17 @@ void RaySampler::march_brick(Traversal& v, int c, const Passage& passage) {
 int RaySampler::choose_count(bool follow_cache) {
   const size_t n = static_cast<size_t>(segment_count_);
   Real length = 0;
-  for (const Segment& s : segments()) length += s.t1 - s.t0;
+  for (size_t i = 0; i < n; ++i) {
+    length += segments_[i].t1 - segments_[i].t0;
+    thickness_[i] = segments_[i].thickness;
+  }
+  const size_t padded = static_cast<size_t>(round_up(segment_count_, kLane));
+  std::fill(thickness_.data() + n, thickness_.data() + padded, 0.0_r);
+  opacity(segment_count_, thickness_.data(), one_.data(), opacity_.data());
   Real transmittance = 1;
   for (size_t i = 0; i < n; ++i) {
-    const Real pass = std::exp(-segments_[i].thickness);
-    mass_[i] = follow_cache ? transmittance * (1 - pass) : 0;
-    transmittance *= pass;
+    mass_[i] = follow_cache ? transmittance * opacity_[i] : 0;
+    transmittance *= 1 - opacity_[i];
   }
   Real previous = 0, sum = 0, squares = 0;
   for (size_t i = 0; i < n; ++i) {
@@ -247,7 +263,6 @@ int RaySampler::choose_count(bool follow_cache) {
   }
   // Matter so thin that float gives it no mass: all of it alike.
   if (follow_cache && !(squares > 0)) return choose_count(false);
-  total_mass_ = sum;
   // Number of cells that would give this sum of squares if they were equal.
   const Real cells = sum * sum / squares;
   const Real wanted = std::ceil(options_.samples_per_cell * cells);
@@ -261,38 +276,37 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
   out.t.resize(static_cast<size_t>(count));
   out.delta.resize(static_cast<size_t>(count));
   if (count == 0) return 0;
-  // Inverse of the distribution at the borders k / count of equal mass (interval lengths) and at
-  // one place inside each (positions), in one walk over the segments.
-  const Segment* segment = segments_.data();
-  const Segment* const last = segment + segment_count_ - 1;
-  const Real* mass = mass_.data();
-  Real below = 0;   // mass of the segments before this one
-  Real matter = 0;  // their length
-  const auto advance = [&](Real target, Real& length) {
-    for (; segment < last && below + *mass < target; ++segment, ++mass) {
-      below += *mass;
-      matter += segment->t1 - segment->t0;
-    }
-    const Real width = segment->t1 - segment->t0;
-    const Real rest = target - below;
-    const Real f = rest >= *mass ? 1.0_r : std::max(rest / *mass, 0.0_r);
-    length = matter + f * width;
-    return segment->t0 + f * width;
-  };
-  Real* const t = out.t.data();
-  Real* const delta = out.delta.data();
-  Real from = 0;
-  const Real unit = total_mass_ / static_cast<Real>(count);
-  for (int k = 0; k < count; ++k) {
-    const Real inside = random ? random->uniform() : 0.5_r;
-    Real length = 0;
-    t[k] = advance((static_cast<Real>(k) + inside) * unit, length);
-    Real to = 0;
-    // The last border is the end of all matter, whatever the sum of masses was rounded to.
-    advance(k + 1 < count ? static_cast<Real>(k + 1) * unit : Traversal::kNever, to);
-    delta[k] = std::max(to - from, 0.0_r);
-    from = to;
+  // Inverse of the distribution at one place inside each share of the mass (positions, between the
+  // segments' ends; a gap has no mass) and at the borders k / count (interval lengths, of matter
+  // alone).
+  const size_t n = static_cast<size_t>(segment_count_), shares = static_cast<size_t>(count);
+  Real mass = 0, matter = 0;
+  for (size_t i = 0; i < n; ++i) {
+    const Segment& s = segments_[i];
+    ends_[2 * i] = s.t0;
+    ends_[2 * i + 1] = s.t1;
+    mass_below_[i] = mass_at_ends_[2 * i] = mass;
+    matter_below_[i] = matter;
+    mass += mass_[i];
+    matter += s.t1 - s.t0;
+    mass_at_ends_[2 * i + 1] = mass;
   }
+  mass_below_[n] = mass;
+  matter_below_[n] = matter;
+  const auto up_to = [](std::vector<Real>& v, size_t size) { return std::span(v.data(), size); };
+  const Real unit = mass / static_cast<Real>(count);
+  for (int k = 0; k < count; ++k)
+    targets_[static_cast<size_t>(k)] =
+        (static_cast<Real>(k) + (random ? random->uniform() : 0.5_r)) * unit;
+  histogram_inverse(up_to(ends_, 2 * n), up_to(mass_at_ends_, 2 * n), up_to(targets_, shares),
+                    out.t);
+  for (int k = 1; k < count; ++k)
+    targets_[static_cast<size_t>(k - 1)] = static_cast<Real>(k) * unit;
+  histogram_inverse(up_to(matter_below_, n + 1), up_to(mass_below_, n + 1),
+                    up_to(targets_, shares - 1), up_to(out.delta, shares - 1));
+  // The last border is the end of all matter, whatever the sum of masses was rounded to.
+  out.delta.back() = matter;
+  for (size_t k = shares; --k > 0;) out.delta[k] = std::max(out.delta[k] - out.delta[k - 1], 0.0_r);
   return count;
 }
 

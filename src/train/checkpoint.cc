@@ -18,7 +18,7 @@ using internal::JsonFields;
 // Raise the version whenever a step computes something else than before: a checkpoint continues bit
 // for bit or not at all.
 constexpr internal::ContainerFormat kFormat{
-    "NERFCKPT", 5, "checkpoint", "copy it again, or begin the run anew with --overwrite"};
+    "NERFCKPT", 6, "checkpoint", "copy it again, or begin the run anew with --overwrite"};
 
 // Weights and moments are stored as they are: one build cannot continue another's run bit for bit.
 constexpr const char* kReal = std::is_same_v<Real, float> ? "float" : "double";

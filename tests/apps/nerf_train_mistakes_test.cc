@@ -75,7 +75,7 @@ TEST_F(NerfTrain, DamagedOrOtherCheckpointsAreRefused) {
   };
   std::string changed = good;
   changed[8] = 7;
-  resume_with(changed, "checkpoint of version 7; this program reads version 5");
+  resume_with(changed, "checkpoint of version 7; this program reads version 6");
   changed = good;
   changed[good.size() / 2] ^= 1;
   resume_with(changed, "checksum");

@@ -88,7 +88,7 @@ TEST(Tape, InputsInTheCallersMemory) {
   other.bind(network.x, nullptr, nullptr);
   network.tape.forward(other);
   EXPECT_NE(network.outputs(other), before);
-  EXPECT_THROW(other.bind(network.y, values.data(), nullptr), std::logic_error);
+  EXPECT_THROW(other.bind(network.y, nullptr, gradient.data()), std::logic_error);
 }
 
 // Samples to an odd number of cache lines: rows so far apart use all sets of a cache.

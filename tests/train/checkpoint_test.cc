@@ -184,7 +184,7 @@ TEST_F(CheckpointErrors, AnotherRealIsNamed) {
 
 TEST_F(CheckpointErrors, AnotherVersionHasItsOwnMessage) {
   EXPECT_TRUE(contains(loading_changed([](auto& b) { b[8] = 9; }),
-                       "checkpoint of version 9; this program reads version 5"));
+                       "checkpoint of version 9; this program reads version 6"));
 }
 
 TEST_F(CheckpointErrors, DamageIsFound) {

@@ -69,8 +69,9 @@ struct Chunk {
   Real* data(Value v);
   const Real* data(Value v) const;
   Real* gradient(Value v);
-  // Where the values of an input, and its gradient if it has one, are from now on: memory of the
-  // caller's [rows x stride(v)], aligned to 64 bytes; null for the chunk's own. Spares a copy.
+  // Where the value, and the gradient of an input that has one, are from now on: memory of the
+  // caller's [rows x stride(v)], aligned to 64 bytes; null for the chunk's own. Spares a copy, or
+  // lets values outlive the chunk's next samples.
   void bind(Value v, Real* data, Real* gradient);
   int64_t stride(Value v) const;  // floats between rows
   int64_t count(Value v) const;   // columns in use

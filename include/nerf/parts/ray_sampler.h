@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "nerf/base/aligned.h"
 #include "nerf/base/real.h"
 #include "nerf/math/random.h"
 #include "nerf/math/vec.h"
@@ -83,8 +84,13 @@ class RaySampler {
   Box3 clip_;
   std::vector<Segment> segments_;  // of fixed size; the first segment_count_ are in use
   int segment_count_ = 0;
-  std::vector<Real> mass_;  // of each segment in the coarse distribution; sums to total_mass_
-  Real total_mass_ = 0;
+  // Of each segment: what it and a length of one cell stop, and its mass in the coarse
+  // distribution.
+  AlignedArray<Real> thickness_, one_, opacity_;
+  std::vector<Real> mass_;
+  // Where each begins and ends, and the mass up to there; mass and matter below each, and of all.
+  std::vector<Real> ends_, mass_at_ends_, matter_below_, mass_below_;
+  std::vector<Real> targets_;
   double start_ = 0;
   Vec3 entry_;
 };
