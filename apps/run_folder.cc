@@ -126,6 +126,7 @@ void MetricsFile::add_step(const RunProgress& p) {
                    {"samples", p.report.samples},
                    {"colours", p.report.colours},
                    {"learning", p.report.learning},
+                   {"rows", p.report.rows},
                    {"samples_per_second", p.samples_per_second}}));
 }
 

@@ -50,7 +50,10 @@ ChildTraining train_in_child(std::vector<std::string> arguments, const fs::path&
   std::istringstream lines(read_text_file(folder / "metrics.jsonl"));
   for (std::string line; std::getline(lines, line);) {
     nlohmann::json j = nlohmann::json::parse(line);
-    if (j.value("kind", "") == "evaluation") out.evaluations.push_back(std::move(j));
+    if (j.value("kind", "") == "evaluation")
+      out.evaluations.push_back(std::move(j));
+    else
+      out.last_step = std::move(j);
   }
   out.result = nlohmann::json::parse(read_text_file(folder / "result.json"));
   return out;

@@ -13,6 +13,7 @@ namespace nerf::apps {
 struct ChildTraining {
   nlohmann::json result;                    // result.json
   std::vector<nlohmann::json> evaluations;  // lines of metrics.jsonl
+  nlohmann::json last_step;                 // the last such line of a step
   std::string command;                      // the same training by hand
 };
 

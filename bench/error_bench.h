@@ -57,14 +57,16 @@ struct ErrorBenchOptions {
     v("repeats", repeats, "skips: renderings of each view, whose median time counts", at_least(1));
     v("seed", seed, "of every random number");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
-    v("filter", filter, "quadrature, skips and switches: only rows whose name contains this",
+    v("filter", filter,
+      "quadrature, skips and switches: only rows whose name contains this; =NAME: the one of that "
+      "name",
       metavar("TEXT"));
   }
   // Throws Error for lists that cannot be read and for curves that lack what they need.
   void check_options() const;
 
   bool wants(const std::string& curve) const;
-  bool selected(const std::string& name) const { return name.find(filter) != std::string::npos; }
+  bool selected(const std::string& name) const;
   std::vector<int> samples_list() const;
   std::vector<double> minutes_list() const;
   std::vector<int> tables_list() const;

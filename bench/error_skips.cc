@@ -43,6 +43,13 @@ RenderOptions every_skip_off() {
   return o;
 }
 
+// In falling order, the value among them that rendering has where nothing is said.
+std::vector<Real> with_usual(std::vector<Real> values, Real usual) {
+  if (std::ranges::find(values, usual) == values.end()) values.push_back(usual);
+  std::ranges::sort(values, std::greater<>());
+  return values;
+}
+
 // Each switch alone, and all together. The cache's stop and the number of samples exist only where
 // samples follow the cache, so they are compared with that alone.
 std::vector<Setting> settings(bool grid) {
@@ -76,7 +83,13 @@ std::vector<Setting> settings(bool grid) {
   RenderOptions cache = off;
   cache.unclipped = false;
   cache.sample_factor = usual.sample_factor;
-  for (const Real factor : {4.0_r, 2.0_r, 1.5_r, 1.25_r, 1.0_r, 0.5_r}) {
+  // The paper methods' samples follow their proposals, not the cache: it only says what is empty.
+  if (!grid) {
+    all.push_back({"cache", "cache", "", cache});
+    all.push_back({"together", "together", "default", usual});
+    return all;
+  }
+  for (const Real factor : with_usual({4, 2, 1.5_r, 1.25_r, 1, 0.5_r}, usual.sample_factor)) {
     RenderOptions o = cache;
     o.sample_factor = factor;
     all.push_back({"cache alone, factor", fmt::format("cache, factor {}", factor),
@@ -88,27 +101,28 @@ std::vector<Setting> settings(bool grid) {
     all.push_back({"cache and its stop", fmt::format("cache, stop 1e-{}", power),
                    fmt::format("1e-{}", power), o});
   }
-  for (const Real factor : {2.0_r, 1.5_r, 1.25_r, 1.0_r, 0.75_r, 0.5_r}) {
+  for (const Real factor : with_usual({2, 1.5_r, 1.25_r, 1, 0.75_r, 0.5_r}, usual.sample_factor)) {
     RenderOptions o;
     o.sample_factor = factor;
     const bool is_usual = factor == usual.sample_factor;
     all.push_back({"together, factor", fmt::format("together, factor {}", factor),
                    is_usual ? fmt::format("default, {}", factor) : fmt::format("{}", factor), o});
   }
-  for (const int most : of_grid({32, 64, 192})) {
+  for (const int most : {32, 64, 192}) {
     RenderOptions o;
     o.max_samples = most;
     all.push_back({"together, at most", fmt::format("together, at most {}", most),
                    fmt::format("{}", most), o});
   }
-  for (const int halves : of_grid({1, 2, 8})) {
+  for (const int halves : {1, 2, 8}) {
     RenderOptions o;
     o.uniform_share = static_cast<Real>(halves) / 2;
     all.push_back({"together, spread", fmt::format("together, spread {}", o.uniform_share),
                    fmt::format("{}", o.uniform_share), o});
   }
-  for (const int share : of_grid({64, 16, 8})) {
+  for (const int share : {64, 32, 16, 8}) {
     RenderOptions o;
+    if (1.0_r / static_cast<Real>(share) == usual.shared_colour) continue;  // is above
     o.shared_colour = 1.0_r / static_cast<Real>(share);
     all.push_back({"together, shared colour", fmt::format("together, shared colour 1/{}", share),
                    fmt::format("1/{}", share), o});
@@ -285,9 +299,9 @@ class Skips {
 
   std::string command(const Setting& s) const {
     return fmt::format(
-        "nerf_bench error --curves skips --run {} --views {} --repeats {} --filter {} "
-        "-o {}",
-        shell_quoted(run_.string()), options_.views, options_.repeats, shell_quoted(s.name),
+        "nerf_bench error --curves skips --run {} --views {} --repeats {} --filter {}{} -o {}",
+        shell_quoted(run_.string()), options_.views, options_.repeats, shell_quoted("=" + s.name),
+        options_.threads > 0 ? fmt::format(" --threads {}", options_.threads) : "",
         shell_quoted(options_.out.string()));
   }
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <optional>
 
 #include "app.h"
 #include "child_training.h"
@@ -11,8 +12,13 @@
 namespace nerf::apps {
 namespace {
 
+// The work of the last reported step as well: rays, network samples, colours asked for and samples
+// whose gradients went back, rows of the tables that Adam moved.
+const std::vector<std::string> kWork = {"rays", "samples", "colours", "learning", "rows"};
 const std::vector<std::string> kColumns = {
-    "seconds", "steps", "psnr", "ssim", "samples_per_second", "peak_memory_mb", "command"};
+    "seconds",        "steps",  "psnr",    "ssim",    "samples_per_second",
+    "peak_memory_mb", "rays",   "samples", "colours", "learning",
+    "rows",           "command"};
 
 // A training with options of its own behind those that all share.
 ChildTraining train(const ErrorBenchOptions& options, const std::string& name,
@@ -32,14 +38,17 @@ double number(const ChildTraining& t, const char* name) { return t.result[name].
 
 // The cells of kColumns.
 std::vector<std::string> row_of(std::vector<std::string> lead, const ChildTraining& t) {
-  const std::vector<std::string> cells = {
+  std::vector<std::string> cells = {
       fmt::format("{:.2f}", number(t, "seconds")),
       fmt::format("{:.0f}", number(t, "steps")),
       fmt::format("{:.3f}", number(t, "psnr")),
       t.result["ssim"].is_null() ? "" : fmt::format("{:.4f}", number(t, "ssim")),
       fmt::format("{:.0f}", number(t, "samples_per_second")),
-      fmt::format("{:.0f}", number(t, "peak_memory_bytes") / (1 << 20)),
-      t.command};
+      fmt::format("{:.0f}", number(t, "peak_memory_bytes") / (1 << 20))};
+  for (const std::string& name : kWork)
+    cells.push_back(t.last_step.is_object() ? t.last_step.value(name, nlohmann::json(0)).dump()
+                                            : "");
+  cells.push_back(t.command);
   lead.insert(lead.end(), cells.begin(), cells.end());
   return lead;
 }
@@ -47,6 +56,16 @@ std::vector<std::string> row_of(std::vector<std::string> lead, const ChildTraini
 std::vector<std::string> columns(std::vector<std::string> lead) {
   lead.insert(lead.end(), kColumns.begin(), kColumns.end());
   return lead;
+}
+
+// Whether two trainings did the same work and ended with the same views.
+bool same_training(const ChildTraining& a, const ChildTraining& b) {
+  const auto same = [](const nlohmann::json& x, const nlohmann::json& y, const std::string& name) {
+    return x.value(name, nlohmann::json()) == y.value(name, nlohmann::json());
+  };
+  return same(a.result, b.result, "psnr") && same(a.result, b.result, "ssim") &&
+         std::ranges::all_of(
+             kWork, [&](const std::string& name) { return same(a.last_step, b.last_step, name); });
 }
 
 std::string split_text(const ErrorBenchOptions& options) {
@@ -152,6 +171,7 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"colour once per ray", {"--grid-colour-per-ray"}},
       {"every gradient goes back", {"--gradient-roulette", "0"}},
       {"fewer gradients go back", {"--gradient-roulette", "4"}},
+      {"every row moves", {"--every-row"}},
       {"hidden samples learn", {"--stop-transmittance", "0"}},
       {"fine levels late", {"--late-levels", "0.5"}},
       {"coarse photos first", {"--coarse-photos", "0.2"}},
@@ -172,11 +192,18 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
   chart.x = {"seconds of training", false, {}};
   chart.y = {"PSNR, dB", false, {}};
   int count = 0;
+  std::optional<ChildTraining> usual;
   for (const auto& s : switches) {
     if (!options.selected(s.name)) continue;
     std::vector<std::string> own = {"--steps", std::to_string(options.steps)};
     own.insert(own.end(), s.options.begin(), s.options.end());
     const ChildTraining t = train(options, fmt::format("switch{}", count++), own);
+    // Some defaults are the scene's.
+    if (usual && same_training(t, *usual)) {
+      curve.text += fmt::format(" The same as it is: {}.", s.name);
+      continue;
+    }
+    if (s.options.empty()) usual = t;
     chart.series.push_back({s.name, {{number(t, "seconds"), number(t, "psnr"), ""}}, false});
     curve.table.rows.push_back(row_of({s.name}, t));
   }

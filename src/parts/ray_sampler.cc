@@ -261,8 +261,6 @@ int RaySampler::choose_count(bool follow_cache) {
     sum += mass_[i];
     squares += mass_[i] * mass_[i];
   }
-  // Matter so thin that float gives it no mass: all of it alike.
-  if (follow_cache && !(squares > 0)) return choose_count(false);
   // Number of cells that would give this sum of squares if they were equal.
   const Real cells = sum * sum / squares;
   const Real wanted = std::ceil(options_.samples_per_cell * cells);

@@ -140,6 +140,8 @@ StepReport GridTrainer::step() {
   update_networks();
   lap.into(profile.update);
   update_table(levels_on);
+  report.rows = std::accumulate(optimiser.listed_count.begin(),
+                                optimiser.listed_count.begin() + levels_on, int64_t{0});
   lap.into(profile.scatter);
 
   const double seen = static_cast<double>(batch.total_samples) /
@@ -310,6 +312,7 @@ void GridTrainer::update_table(int64_t levels_on) {
       encode_level_backward(
           field, static_cast<size_t>(l), points_of(c), chunk_kept[static_cast<size_t>(c)],
           d_features.data() + (c * levels + l) * level.features * ld, ld, gradient, marks);
+    if (options.every_row) std::fill_n(marks, level.entries, uint8_t{1});
     int64_t& count = optimiser.listed_count[static_cast<size_t>(l)];
     count = list_rows(level.entries, marks, list_of(l));
     if (at_once) adam(l, 0, count);

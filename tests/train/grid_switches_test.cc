@@ -12,14 +12,16 @@
 namespace nerf {
 namespace {
 
+constexpr int kSteps = 80;
+
 struct Work {
-  int64_t rays = 0, samples = 0, colours = 0, learning = 0;
+  int64_t rays = 0, samples = 0, colours = 0, learning = 0, rows = 0;
   std::vector<uint8_t> bits;
 };
 
 Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOptions&)>& change) {
   ThreadPool pool(2);
-  TrainOptions options = test::tiny_options(80);
+  TrainOptions options = test::tiny_options(kSteps);
   change(options);
   Trainer trainer(c.scene, c.photos, options, pool);
   Work work;
@@ -28,6 +30,7 @@ Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOpti
     work.samples += r.samples;
     work.colours += r.colours;
     work.learning += r.learning;
+    work.rows += r.rows;
     return true;
   });
   work.bits = test::bits_of(trainer);
@@ -85,6 +88,15 @@ TEST(GridSwitches, SaveGradients) {
             all);
 }
 
+TEST(GridSwitches, SaveRowsOfTheOptimiser) {
+  const auto c = test::sphere_capture(8, 32);
+  const Work usual = work_of(c, [](TrainOptions&) {});
+  const Work all = work_of(c, [](TrainOptions& o) { o.every_row = true; });
+  EXPECT_GT(usual.rows, 0);
+  EXPECT_LT(usual.rows, all.rows);
+  EXPECT_EQ(all.rows % kSteps, 0);  // every step all of them
+}
+
 TEST(GridSwitches, ChangeWhatIsLearnt) {
   const auto c = test::sphere_capture(8, 32);
   const Work usual = work_of(c, [](TrainOptions&) {});
@@ -116,6 +128,7 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.shared_colour = 0; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.stop_transmittance = 0.1; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.gradient_roulette = 0; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.every_row = true; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.late_levels = 0.5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.coarse_photos = 0.5; }));
 }

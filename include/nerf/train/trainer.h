@@ -66,6 +66,7 @@ struct TrainOptions {
   double shared_colour = 0.125;  // light of a pixel that samples of one colour have together
   double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
   double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
+  bool every_row = false;                  // Adam moves rows without gradient too
   double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
   GridOptions grid;
   // Of the other methods.
@@ -141,6 +142,9 @@ struct TrainOptions {
       "a sample whose gradient is below this share of its chunk's mean learns by chance, as often "
       "as its gradient is large and then by so much more; 0: all learn that have one (grid)",
       at_least(0), at_most(100));
+    v("every_row", every_row,
+      "in every step Adam also moves the rows of the table that no sample of it touched, by what "
+      "their moments remember: as written in Adam's paper, and dearer (grid)");
     v("occupancy_threshold", occupancy_threshold,
       "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
     v("grid", grid, "field");
@@ -168,6 +172,7 @@ struct StepReport {
   int64_t samples = 0;
   int64_t colours = 0;   // evaluations of the colour network (grid)
   int64_t learning = 0;  // samples that went back to the tables (grid)
+  int64_t rows = 0;      // of the tables, that Adam moved (grid)
   double opacity = 0;    // mean over the step's rays
   double rate = 0;
 };
