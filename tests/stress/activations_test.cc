@@ -4,63 +4,21 @@
 
 #include <gtest/gtest.h>
 
-#include <bit>
 #include <cmath>
-#include <cstdint>
 #include <limits>
-#include <memory>
 #include <vector>
 
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
-#include "nerf/base/threads.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/math/reference/volume_rendering.h"
+#include "stress/magnitudes.h"
 
 namespace nerf::stress {
 namespace {
 
-constexpr Real kInf = std::numeric_limits<Real>::infinity();
-constexpr Real kMax = std::numeric_limits<Real>::max();
-constexpr Real kDenormal = std::numeric_limits<Real>::denorm_min();
-constexpr double kTiny = std::numeric_limits<Real>::min();
 // Highway states 1 unit in the last place for Exp and 4 for Expm1; a unit is at most two roundoffs.
 constexpr double kExpError = 2 * kRoundoff, kExpm1Error = 8 * kRoundoff;
-
-// Numbers at even distances of their bit patterns: each power of two gets as many. Then those whose
-// names the header mentions.
-std::vector<Real> all_magnitudes(uint32_t step, bool negative) {
-  std::vector<Real> out = {0.0_r,  kDenormal, 1e-40_r, std::numeric_limits<Real>::min(),
-                           kMax,   kInf,      15.0_r,  30.0_r,
-                           80.0_r, 88.0_r,    1e4_r,   1e10_r};
-  const uint32_t end = std::bit_cast<uint32_t>(std::numeric_limits<float>::infinity());
-  for (uint32_t bits = 1; bits < end; bits += step) out.push_back(std::bit_cast<float>(bits));
-  if (negative)
-    for (size_t i = 0, n = out.size(); i < n; ++i) out.push_back(-out[i]);
-  return out;
-}
-
-Matrix row_of(const std::vector<Real>& values) {
-  Matrix m(1, static_cast<int64_t>(values.size()));
-  for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
-  return m;
-}
-
-// On every target, with denormals as they are and flushed. Comparisons are made outside.
-template <class Kernels, class Compare>
-void for_each_mode(const Kernels& kernels, const Compare& compare) {
-  for_each_target([&](const std::string&) {
-    for (bool flush : {false, true}) {
-      SCOPED_TRACE(flush ? "denormals flushed" : "denormals kept");
-      {
-        const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
-        kernels();
-      }
-      compare();
-    }
-  });
-}
 
 TEST(StressActivation, SigmoidOfEveryMagnitude) {
   WorstError forward("forward"), backward("backward");
@@ -128,6 +86,77 @@ TEST(StressActivation, TruncatedExpOfEveryMagnitude) {
   }
   forward.report();
   backward.report();
+}
+
+// The same errors as in tests/kernels/elementwise_test.cc: x + shift is rounded once, where
+// softplus has a slope of at most 1; Exp and Log1p add theirs and the sum its own. Up to where a
+// float holds it softplus is x itself, infinite where x is.
+TEST(StressActivation, SoftplusOfEveryMagnitude) {
+  WorstError forward("forward"), backward("backward");
+  constexpr double kLog1pError = 4 * kRoundoff;  // Highway states 2 units in the last place
+  const Matrix x = row_of(all_magnitudes(0x3fff1, true));
+  Matrix y(1, x.n), dx(1, x.n), dy(1, x.n);
+  for (Real shift : {0.0_r, -1.0_r, 1e10_r, -1e10_r})
+    for (Real gradient : {1.0_r, -1e-30_r, 1e38_r, 1e-42_r}) {
+      for (int64_t i = 0; i < x.padded; ++i) dy.at(0, i) = gradient;
+      for_each_mode(
+          [&] {
+            softplus_forward(x.n, shift, x.data.data(), y.data.data());
+            softplus_backward(x.n, shift, x.data.data(), dy.data.data(), dx.data.data());
+          },
+          [&] {
+            for (int64_t i = 0; i < x.n; ++i) {
+              const double at = double{x.at(0, i)} + double{shift};
+              ASSERT_TRUE(y.at(0, i) >= 0) << at;
+              ASSERT_TRUE(std::isfinite(dx.at(0, i))) << at;
+              if (std::isinf(at)) {
+                ASSERT_TRUE(at > 0 ? y.at(0, i) == kInf : y.at(0, i) <= kTiny) << at;
+                ASSERT_NEAR(double{dx.at(0, i)}, at > 0 ? double{gradient} : 0,
+                            kTiny * (1 + std::fabs(double{gradient})));
+                continue;
+              }
+              const double want = reference::softplus(at), slope = reference::sigmoid(at);
+              // The slope of the slope is at most itself, and it is flat beyond 100.
+              const double moved = kRoundoff * std::fabs(at) * slope;
+              forward.compare(y.at(0, i), want,
+                              (kExpError + kLog1pError + kRoundoff) * want + moved + kTiny, "x",
+                              x.at(0, i), "shift", shift);
+              const double steep = at > 100 ? 0 : kRoundoff * std::fabs(at);
+              const double g = std::fabs(double{gradient});
+              backward.compare(dx.at(0, i), slope * double{gradient},
+                               (kExpError + 3 * kRoundoff + steep) * slope * g + kTiny * (2 + g),
+                               "x", x.at(0, i), "shift", shift, "gradient", gradient);
+            }
+          });
+    }
+  forward.report();
+  backward.report();
+}
+
+// Nothing is rounded: x or 0, and the gradient or 0. A denormal may count as 0 where those are
+// flushed.
+TEST(StressActivation, ReluOfEveryMagnitude) {
+  const Matrix x = row_of(all_magnitudes(0x3fff1, true));
+  Matrix y(1, x.n), dx(1, x.n);
+  for (Real gradient : {1.0_r, -1e-30_r, kMax, kInf, 1e-42_r})
+    for_each_mode(
+        [&] {
+          for (int64_t i = 0; i < x.padded; ++i) dx.at(0, i) = gradient;
+          relu_forward(x.n, x.data.data(), y.data.data());
+          relu_backward(1, y.data.data(), dx.data.data(), x.ld, x.n);
+        },
+        [&] {
+          for (int64_t i = 0; i < x.n; ++i) {
+            const Real at = x.at(0, i), got = y.at(0, i);
+            if (at >= kTiny || at <= 0) {
+              ASSERT_EQ(got, std::max(at, 0.0_r)) << at;
+              ASSERT_EQ(dx.at(0, i), at > 0 ? gradient : 0) << at;
+            } else {
+              ASSERT_TRUE(got == at || got == 0) << at;
+              ASSERT_TRUE(dx.at(0, i) == gradient || dx.at(0, i) == 0) << at;
+            }
+          }
+        });
 }
 
 // Every density with every length, products that overflow and vanish among them. A product that is
