@@ -57,6 +57,8 @@ void for_each_shape(const Body& body) {
                      std::to_string(n));
         body(in, out, n, random);
       }
+    SCOPED_TRACE("the widest");
+    body(1024, 1024, 17, random);
   });
 }
 

@@ -3,12 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <memory>
 #include <vector>
 
+#include "base/half.h"
 #include "kernels/kernel_test.h"
 #include "kernels/row_states.h"
 #include "math/worst_error.h"
@@ -110,6 +112,58 @@ TEST(StressHashGrid, CornersEdgesAndFaces) {
   });
   worst.report();
   ones.report();
+}
+
+// Half floats below their normal numbers, the largest, and all of them, at all places: as near to
+// the exact sum as numbers are, relative to the largest feature, and the bits that the same
+// features give as numbers. A half's subnormals are normal floats and are not flushed.
+TEST(StressHashGrid, HalfFloatsOfEveryMagnitude) {
+  WorstError worst("features");
+  struct Kind {
+    uint32_t least, most;  // bits, but the sign
+  };
+  for_each_target([&](const std::string&) {
+    Random random(55, 0, 0);
+    for (const HashGridLevel& level : levels())
+      for (const Kind kind : {Kind{0x0001, 0x0001},
+                              {0x0000, 0x03ff},
+                              {0x03ff, 0x0400},
+                              {0x7bff, 0x7bff},
+                              {0x0000, 0x7bff}})
+        for (bool flush : {false, true}) {
+          AlignedArray<uint16_t> half(size_of(level));
+          AlignedArray<Real> table(half.size());
+          double largest = 0;
+          for (size_t i = 0; i < half.size(); ++i) {
+            half[i] = static_cast<uint16_t>(
+                (kind.least + random.below(kind.most - kind.least + 1)) | random.below(2) << 15);
+            table[i] = static_cast<Real>(internal::half_to_float(half[i]));
+            largest = std::max(largest, std::fabs(double{table[i]}));
+          }
+          const std::vector<double> exact(table.begin(), table.end());
+          const Places places(level, 256, random);
+          Matrix features(level.features, places.p.n), same(level.features, places.p.n);
+          {
+            const auto guard = flush ? std::make_unique<FlushDenormals>() : nullptr;
+            hash_grid_forward(level, half.data(), places.row(0), places.row(1), places.row(2),
+                              places.p.n, features.data.data(), features.ld);
+            hash_grid_forward(level, table.data(), places.row(0), places.row(1), places.row(2),
+                              places.p.n, same.data.data(), same.ld);
+          }
+          const double tolerance =
+              (2 * place_error(level) + rounding_bound(2 + 8)) * largest + 8 * kTiny;
+          for (int64_t s = 0; s < places.p.n; ++s) {
+            const auto want = ref::grid_interpolate(reference_level(level), exact, places.at(s));
+            for (int f = 0; f < level.features; ++f) {
+              ASSERT_EQ(features.at(f, s), same.at(f, s)) << "scale " << level.scale;
+              worst.compare(features.at(f, s), want[static_cast<size_t>(f)], tolerance, "scale",
+                            level.scale, "bits up to", kind.most, "place", places.at(s)[0],
+                            places.at(s)[1], places.at(s)[2]);
+            }
+          }
+        }
+  });
+  worst.report();
 }
 
 // Exactly on a vertex only that vertex counts, to the last bit, whatever the others hold.

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "kernels/kernel_test.h"
 #include "math/worst_error.h"
 #include "stress/stress_field.h"
 
@@ -124,9 +125,11 @@ void compare(const std::string& name, bool unbounded, int cascades, double densi
 
 void compare_all(const std::string& name, bool unbounded, int cascades) {
   WorstError opacity(name + "_opacity"), colour(name + "_colour"), depth(name + "_depth");
-  for (double density : {1e-6, 1e-3, 0.3, 2.0, 40.0, 1e4, 1e12})
-    for (bool unclipped : {false, true})
-      compare(name, unbounded, cascades, density, unclipped, opacity, colour, depth);
+  for_each_target([&](const std::string&) {
+    for (double density : {1e-6, 1e-3, 0.3, 2.0, 40.0, 1e4, 1e12})
+      for (bool unclipped : {false, true})
+        compare(name, unbounded, cascades, density, unclipped, opacity, colour, depth);
+  });
   opacity.report();
   colour.report();
   depth.report();

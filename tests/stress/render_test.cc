@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "kernels/kernel_test.h"
 #include "nerf/model/renderer.h"
 #include "stress/stress_field.h"
 #include "stress/views.h"
@@ -31,21 +32,24 @@ TEST(StressRender, EveryPixelOfEveryView) {
                         constant_field({unbounded, cascades, -1, {1e4_r, 1e4_r, 1e4_r}}, frame));
     fields.emplace_back("black vacuum",
                         constant_field({unbounded, cascades, -1e4_r, {-1e4_r, 0, 1}}, frame));
-    for (const auto& [name, field] : fields)
-      for (const View& v : views())
-        for (int mode = 0; mode < 3; ++mode) {
-          SCOPED_TRACE(name + (unbounded ? ", unbounded, " : ", bounded, ") + v.name + ", mode " +
-                       std::to_string(mode));
-          RenderOptions options;
-          if (mode == 1) options.unclipped = true;
-          if (mode == 2) {
-            options.unshaded = 0.2_r;
-            options.background = {0, 1, 0.5_r};
-            options.sample_factor = 1e-3_r;
+    for_each_target([&](const std::string&) {
+      for (const auto& [name, field] : fields)
+        for (const View& v : views(12))
+          for (int mode = 0; mode < 3; ++mode) {
+            SCOPED_TRACE(name + (unbounded ? ", unbounded, " : ", bounded, ") + v.name + ", mode " +
+                         std::to_string(mode));
+            RenderOptions options;
+            if (mode == 1) options.unclipped = true;
+            if (mode == 2) {
+              options.unshaded = 0.2_r;
+              options.background = {0, 1, 0.5_r};
+              options.sample_factor = 1e-3_r;
+            }
+            const Frame picture =
+                render(field, v.camera, frame.apply_inverse(v.pose), options, pool);
+            expect_picture(picture);
           }
-          const Frame picture = render(field, v.camera, frame.apply_inverse(v.pose), options, pool);
-          expect_picture(picture);
-        }
+    });
   }
 }
 
@@ -56,7 +60,7 @@ RenderOptions with(Real RenderOptions::* option, Real value) {
 }
 
 // Options at their limits.
-TEST(StressRender, OptionsAtTheirLimits) {
+void expect_pictures_at_the_limits() {
   ThreadPool pool(2);
   const RadianceField field = wild_field(true, 3, 1, 2, 11);
   const View view = views()[7];
@@ -96,6 +100,10 @@ TEST(StressRender, OptionsAtTheirLimits) {
     for (Real alpha : picture({.bbox = box}).alpha) ASSERT_EQ(alpha, 0);
 }
 
+TEST(StressRender, OptionsAtTheirLimits) {
+  for_each_target([](const std::string&) { expect_pictures_at_the_limits(); });
+}
+
 // Where a capture's coordinates lie, and its unit, make no difference beyond the roundings of
 // double: 5e6 units off centre, positions are off by some 1e-9 units, far less than the 2e-6 by
 // which a march in float may miss a length (render_closed_form_test.cc). Two such errors times the
@@ -109,12 +117,14 @@ TEST(StressRender, CoordinatesOfTheCaptureDoNotMatter) {
     const Similarity frame = engine_frame(offset, scale);
     const RadianceField there =
         constant_field({.log_density = 0.5, .colour_logit = {1, 0, -2}}, frame);
-    const Frame got = render(there, view.camera, frame.apply_inverse(view.pose), {}, pool);
-    for (size_t i = 0; i < want.alpha.size(); ++i) {
-      EXPECT_NEAR(got.alpha[i], want.alpha[i], 2 * 2e-6 * std::exp(0.5) + 1e-6)
-          << offset << ' ' << scale;
-      EXPECT_NEAR(got.depth_z[i] * scale, want.depth_z[i], 0.125) << offset << ' ' << scale;
-    }
+    for_each_target([&](const std::string&) {
+      const Frame got = render(there, view.camera, frame.apply_inverse(view.pose), {}, pool);
+      for (size_t i = 0; i < want.alpha.size(); ++i) {
+        EXPECT_NEAR(got.alpha[i], want.alpha[i], 2 * 2e-6 * std::exp(0.5) + 1e-6)
+            << offset << ' ' << scale;
+        EXPECT_NEAR(got.depth_z[i] * scale, want.depth_z[i], 0.125) << offset << ' ' << scale;
+      }
+    });
   }
 }
 
