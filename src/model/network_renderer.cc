@@ -95,6 +95,8 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
       for (size_t r = 0; r < rays.size(); ++r) {
         const size_t p = static_cast<size_t>(pixel_of[r]);
         own->pixel(static_cast<int>(r), &frame.rgb[3 * p], frame.alpha[p]);
+        // Weights are rounded before they are added up.
+        frame.alpha[p] = std::min(frame.alpha[p], 1.0_r);
         for (size_t k = 0; k < 3; ++k)
           frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0_r, 1.0_r);
         const double t = static_cast<double>(own->median_distance(static_cast<int>(r)));

@@ -96,7 +96,7 @@ RadianceField field_of(const Method& m, const Content& content, const Similarity
   return RadianceField(std::move(info), std::move(network));
 }
 
-// All pixels are numbers in range, in either precision that there is.
+// All pixels are numbers in range, in bf16 too where a target takes it by default.
 TEST(StressNetworkRender, EveryPixelOfEveryView) {
   ThreadPool pool(2);
   const Similarity frame = engine_frame(3e5, 1e-3);
