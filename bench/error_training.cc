@@ -194,7 +194,8 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
   int count = 0;
   std::optional<ChildTraining> usual;
   for (const auto& s : switches) {
-    if (!options.selected(s.name)) continue;
+    // What the others are compared with is always among them.
+    if (!s.options.empty() && !options.selected(s.name)) continue;
     std::vector<std::string> own = {"--steps", std::to_string(options.steps)};
     own.insert(own.end(), s.options.begin(), s.options.end());
     const ChildTraining t = train(options, fmt::format("switch{}", count++), own);
