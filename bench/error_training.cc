@@ -172,6 +172,8 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"every gradient goes back", {"--gradient-roulette", "0"}},
       {"fewer gradients go back", {"--gradient-roulette", "4"}},
       {"every row moves", {"--every-row"}},
+      {"cells that no camera sees", {"--keep-unseen"}},
+      {"cells outside the visual hull", {"--keep-transparent"}},
       {"hidden samples learn", {"--stop-transmittance", "0"}},
       {"fine levels late", {"--late-levels", "0.5"}},
       {"coarse photos first", {"--coarse-photos", "0.2"}},

@@ -8,10 +8,10 @@
 
 namespace nerf {
 
-// Switches off the cells that no training camera sees, and with alpha those outside the visual
-// hull: what some photo shows as wholly transparent is empty (the footprint of a cell is taken
-// generously).
-void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
-                                 OccupancyGrid& grid);
+// Switches off the cells that no training camera sees (unless `keep_unseen`), and with alpha those
+// outside the visual hull (unless `keep_transparent`): what some photo shows as wholly transparent
+// is empty (the footprint of a cell is taken generously).
+void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, bool keep_unseen,
+                                 bool keep_transparent, ThreadPool& pool, OccupancyGrid& grid);
 
 }  // namespace nerf

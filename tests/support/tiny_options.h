@@ -53,11 +53,20 @@ inline TrainOptions tiny_method_options(const std::string& method, int64_t steps
   return o;
 }
 
-// The trainer's state as bytes.
+// The trainer's state as bytes, its options among them.
 inline std::vector<uint8_t> bits_of(const Trainer& trainer) {
   const TempFolder folder;
   trainer.save_checkpoint(folder / "bits");
   return read_file(folder / "bits");
+}
+
+// What a trainer of the grid method has learnt, and nothing of its options.
+inline std::vector<Real> learnt_by(const Trainer& trainer) {
+  const GridField& field = trainer.field();
+  std::vector<Real> all(field.weights.begin(), field.weights.end());
+  all.insert(all.end(), field.table.begin(), field.table.end());
+  all.insert(all.end(), field.half_table.begin(), field.half_table.end());
+  return all;
 }
 
 }  // namespace nerf::test

@@ -84,7 +84,7 @@ TEST(GridDistortion, ThreadsChangeNothing) {
     ThreadPool pool(threads);
     Trainer trainer(c.scene, c.photos, with_distortion(weight, 40), pool);
     for (int i = 0; i < 24; ++i) trainer.step();
-    return test::bits_of(trainer);
+    return test::learnt_by(trainer);
   };
   EXPECT_EQ(bits(0.1, 1), bits(0.1, 2));
   EXPECT_NE(bits(0.1, 2), bits(0, 2));

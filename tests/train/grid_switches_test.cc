@@ -16,7 +16,7 @@ constexpr int kSteps = 80;
 
 struct Work {
   int64_t rays = 0, samples = 0, colours = 0, learning = 0, rows = 0;
-  std::vector<uint8_t> bits;
+  std::vector<Real> learnt;
 };
 
 Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOptions&)>& change) {
@@ -33,7 +33,7 @@ Work work_of(const test::SyntheticCapture& c, const std::function<void(TrainOpti
     work.rows += r.rows;
     return true;
   });
-  work.bits = test::bits_of(trainer);
+  work.learnt = test::learnt_by(trainer);
   return work;
 }
 
@@ -51,7 +51,30 @@ TEST(GridSwitches, SaveSamplesOfARay) {
   EXPECT_LT(of([](TrainOptions& o) { o.grid.sampler.samples_per_cell = 1; }), usual);
   EXPECT_LT(of([](TrainOptions& o) { o.grid.sampler.max_samples = 8; }), usual);
   EXPECT_GT(of([](TrainOptions& o) { o.grid.sampler.min_samples = 8; }), usual);
-  EXPECT_LT(of([](TrainOptions& o) { o.occupancy_threshold = 0.2; }), usual);
+  const double emptier = of([](TrainOptions& o) { o.occupancy_threshold = 0.2; });
+  EXPECT_LT(emptier, usual);
+  EXPECT_GT(of([](TrainOptions& o) { o.occupancy_threshold = 0; }), emptier);
+  EXPECT_GT(of([](TrainOptions& o) { o.keep_transparent = true; }), usual);
+}
+
+// One camera sees a part of the region only, and behind the sphere's outline nothing transparent.
+TEST(GridSwitches, KeepCellsThatCannotHoldMatter) {
+  auto c = test::sphere_capture(8, 32);
+  c.scene.train.resize(1);
+  const auto occupied = [&](bool unseen, bool transparent) {
+    ThreadPool pool(2);
+    TrainOptions options = test::tiny_options(kSteps);
+    options.keep_unseen = unseen;
+    options.keep_transparent = transparent;
+    return Trainer(c.scene, c.photos, options, pool).field().occupancy.occupied_fraction();
+  };
+  const double usual = occupied(false, false);
+  EXPECT_GT(usual, 0);
+  EXPECT_GT(occupied(true, false), usual);
+  EXPECT_GT(occupied(false, true), usual);
+  EXPECT_LT(occupied(true, false), 1);
+  EXPECT_LT(occupied(false, true), 1);
+  EXPECT_EQ(occupied(true, true), 1);
 }
 
 TEST(GridSwitches, SaveColours) {
@@ -101,7 +124,7 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   const auto c = test::sphere_capture(8, 32);
   const Work usual = work_of(c, [](TrainOptions&) {});
   const auto differs = [&](const std::function<void(TrainOptions&)>& change) {
-    return work_of(c, change).bits != usual.bits;
+    return work_of(c, change).learnt != usual.learnt;
   };
   EXPECT_FALSE(differs([](TrainOptions&) {}));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.seed = 2; }));
@@ -131,6 +154,9 @@ TEST(GridSwitches, ChangeWhatIsLearnt) {
   EXPECT_TRUE(differs([](TrainOptions& o) { o.every_row = true; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.late_levels = 0.5; }));
   EXPECT_TRUE(differs([](TrainOptions& o) { o.coarse_photos = 0.5; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.early_samples = 1; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.occupancy_threshold = 0.2; }));
+  EXPECT_TRUE(differs([](TrainOptions& o) { o.keep_transparent = true; }));
 }
 
 }  // namespace

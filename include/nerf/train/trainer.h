@@ -68,6 +68,9 @@ struct TrainOptions {
   double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
   bool every_row = false;                  // Adam moves rows without gradient too
   double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
+  // Cells of the occupancy grid that cannot hold matter by the cameras and by the photos' alpha are
+  // in use all the same.
+  bool keep_unseen = false, keep_transparent = false;
   GridOptions grid;
   // Of the other methods.
   NetworkOptions network;
@@ -146,7 +149,13 @@ struct TrainOptions {
       "in every step Adam also moves the rows of the table that no sample of it touched, by what "
       "their moments remember: as written in Adam's paper, and dearer (grid)");
     v("occupancy_threshold", occupancy_threshold,
-      "opacity of one cell width below which a cell counts as empty", above(0), at_most(0.5));
+      "opacity of one cell width below which a cell counts as empty; 0: none does that holds any "
+      "matter (grid)",
+      at_least(0), at_most(0.5));
+    v("keep_unseen", keep_unseen,
+      "cells that no camera of the training photos sees may hold matter too (grid)");
+    v("keep_transparent", keep_transparent,
+      "cells that some photo with alpha shows as wholly transparent may hold matter too (grid)");
     v("grid", grid, "field");
     v("network", network, "field of the paper methods");
     v("recipe", recipe, "training of the paper methods");
