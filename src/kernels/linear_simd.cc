@@ -17,21 +17,24 @@ namespace nerf {
 namespace HWY_NAMESPACE {
 namespace {
 
+// Fewer steps than that are over before memory has answered.
+constexpr int kDeepEnough = 32;
+
 enum class Epilogue { kNone, kRelu, kMask };
 
 // out[r][s] = sum_k a(r, k) * b[k][s] for R rows and NV vectors of samples. a(r, k) stands at
 // a[r * a_row + k * a_col]: rows of W forward, columns of W backward. With `resume` the sums begin
-// with what stands in out: a deep sum in parts, of the same bits as in one.
-template <int R, int NV, Epilogue kEpilogue>
+// with what stands in out: a deep sum in parts, of the same bits as in one. The first block of a
+// strip (kFirst) asks for the next strip of b.
+template <int R, int NV, Epilogue kEpilogue, bool kFirst = false>
 HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
                       const float* HWY_RESTRICT b, int depth, int64_t ld,
                       const float* HWY_RESTRICT bias, bool resume, const float* HWY_RESTRICT mask,
                       float* HWY_RESTRICT out) {
   const D d;
   const size_t lanes = hn::Lanes(d);
-  // What the end reads and writes comes from further caches while the sums are made; that of a
-  // narrow layer is near.
-  if (depth >= kWide)
+  // What the end reads and writes comes from further caches while the sums are made.
+  if (depth >= kDeepEnough)
     for (int r = 0; r < R; ++r)
       for (int v = 0; v < NV; ++v) {
         __builtin_prefetch(out + r * ld + v * lanes, 1, 3);
@@ -49,6 +52,9 @@ HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
   for (int k = 0; k < depth; ++k) {
     V x[NV];
     for (int v = 0; v < NV; ++v) x[v] = hn::Load(d, b + k * ld + v * lanes);
+    if constexpr (kFirst)
+      for (size_t v = 0; v < NV * lanes; v += kLane)
+        __builtin_prefetch(b + k * ld + NV * lanes + v, 0, 3);
     for (int r = 0; r < R; ++r) {
       const V w = hn::Set(d, a[r * a_row + k * a_col]);
       for (int v = 0; v < NV; ++v) acc[r][v] = hn::MulAdd(w, x[v], acc[r][v]);
@@ -99,6 +105,11 @@ void strip(int rows, const Rows& w, const float* b, int depth, int64_t ld, const
            bool resume, const float* mask, float* out) {
   int r = 0;
   const float* a = w.a;
+  if (rows >= kRows) {
+    block<kRows, NV, kEpilogue, true>(a, w.row, w.column, b, depth, ld, bias, resume, mask, out);
+    r += kRows;
+    a += w.block;
+  }
   for (; r + kRows <= rows; r += kRows, a += w.block)
     block<kRows, NV, kEpilogue>(a, w.row, w.column, b, depth, ld, bias ? bias + r : nullptr, resume,
                                 mask ? mask + r * ld : nullptr, out + r * ld);

@@ -49,8 +49,9 @@ constexpr int kOuterRows = 3;
 constexpr int kOuterRows = 6;
 #endif
 
-// dw[r][0 .. 4) += sum_s dy[r][s] * x[c][s] for R rows; only the first `columns` are stored.
-template <int R>
+// dw[r][0 .. 4) += sum_s dy[r][s] * x[c][s] for R rows; only the first `columns` are stored. With
+// kAsk the columns behind these, which the next block reads, are asked for.
+template <int R, bool kAsk>
 HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const float* const* x,
                             int columns, int64_t end, float* HWY_RESTRICT dw, int64_t ldw) {
   const D d;
@@ -63,6 +64,10 @@ HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const floa
   const float* HWY_RESTRICT x2 = x[2];
   const float* HWY_RESTRICT x3 = x[3];
   for (int64_t s = 0; s < end; s += lanes) {
+    if constexpr (kAsk) {
+      for (int c = 0; c < kOuterColumns; ++c)
+        __builtin_prefetch(x0 + (kOuterColumns + c) * ld + s, 0, 3);
+    }
     const V v0 = hn::Load(d, x0 + s), v1 = hn::Load(d, x1 + s);
     const V v2 = hn::Load(d, x2 + s), v3 = hn::Load(d, x3 + s);
     for (int r = 0; r < R; ++r) {
@@ -87,12 +92,13 @@ HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const floa
   }
 }
 
+template <bool kAsk>
 void outer_rows(int rows, const float* dy, int64_t ld, const float* const* x, int columns,
                 int64_t end, float* dw, int64_t ldw) {
   switch (rows) {
-#define NERF_CASE(R)                                  \
-  case R:                                             \
-    outer_block<R>(dy, ld, x, columns, end, dw, ldw); \
+#define NERF_CASE(R)                                        \
+  case R:                                                   \
+    outer_block<R, kAsk>(dy, ld, x, columns, end, dw, ldw); \
     break;
     NERF_EACH_ROW_COUNT
 #undef NERF_CASE
@@ -203,7 +209,9 @@ void backward_narrow_weights(int in, int out, const float* dy, const float* x, i
       const int columns = std::min(kOuterColumns, in - k);
       const float* from[kOuterColumns];  // past the last column: the last again, not stored
       for (int c = 0; c < kOuterColumns; ++c) from[c] = x + std::min(k + c, in - 1) * ld;
-      outer_rows(rows, g, ld, from, columns, end, dw + r * ldw + k, ldw);
+      (r == 0 && k + kOuterColumns < in
+           ? outer_rows<true>
+           : outer_rows<false>)(rows, g, ld, from, columns, end, dw + r * ldw + k, ldw);
     }
     r += rows;
   }
