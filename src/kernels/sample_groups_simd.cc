@@ -40,9 +40,12 @@ void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, 
     const int32_t* of = groups.of + i;
     const int32_t first = of[0];
     const V share = hn::LoadU(d, groups.share + i);
-    alignas(64) int32_t last[kLanes];
-    for (int k = 0; k < kLanes; ++k) last[k] = k + 1 == kLanes || of[k + 1] != of[k] ? -1 : 0;
-    const M ends = hn::MaskFromVec(hn::BitCast(d, hn::Load(DI(), last)));
+    // By a permutation, found once for all rows: to compress has no instruction without AVX-512,
+    // and Highway's way copies a table for each vector.
+    alignas(64) int32_t last[kLanes] = {};
+    for (int k = 0, packed = 0; k < kLanes; ++k)
+      if (k + 1 == kLanes || of[k + 1] != of[k]) last[packed++] = k;
+    const auto ends = hn::SetTableIndices(d, last);
     // What the vectors before have of the first group.
     const bool begun = i > 0 && of[-1] == first;
     const M same1 = continues<1>(of), same2 = continues<2>(of), same4 = continues<4>(of),
@@ -55,7 +58,7 @@ void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, 
       if constexpr (kLanes > 2) v = hn::Add(v, hn::IfThenElseZero(same2, moved_lanes<-2>(d, v)));
       if constexpr (kLanes > 4) v = hn::Add(v, hn::IfThenElseZero(same4, moved_lanes<-4>(d, v)));
       if constexpr (kLanes > 8) v = hn::Add(v, hn::IfThenElseZero(same8, moved_lanes<-8>(d, v)));
-      hn::StoreU(hn::Compress(v, ends), d, to);
+      hn::StoreU(hn::TableLookupLanes(v, ends), d, to);
     }
   }
   for (int k = 0; k < rows; ++k)
