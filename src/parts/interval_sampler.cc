@@ -150,7 +150,7 @@ void IntervalSampler::resample_dilated(int level, std::span<const Real> before,
   const Real dilation = kDilationBias + kDilationFactor / product;
   edges_.resize(dilated_edges(weights.size()));
   mass_.resize(edges_.size() - 1);
-  dilate_weights<Real>(before, weights, dilation, 0, 1, edges_, mass_);
+  dilate_weights<Real>(before, weights, dilation, 0, 1, edges_, mass_, dilation_);
   // The moved edges at both ends lie outside or on the domain's: multinerf leaves those bins out.
   const std::span<Real> edges = std::span(edges_).subspan(1, edges_.size() - 2);
   const std::span<Real> mass = std::span(mass_).subspan(1, mass_.size() - 2);

@@ -126,10 +126,12 @@ TEST(StepFunction, DilatedWeightsMatchGolden) {
     const Doubles e = r.take(n + 1), w = r.take(n), want_e = r.take(3 * n + 1),
                   want = r.take(3 * n);
     Doubles edges(dilated_edges(n)), mass(3 * n);
-    dilate_weights<double>(e, w, dilation, 0, 1, edges, mass);
+    DilationScratch<double> scratch;
+    DilationScratch<float> scratch_f;
+    dilate_weights<double>(e, w, dilation, 0, 1, edges, mass, scratch);
     std::vector<float> edges_f(dilated_edges(n)), mass_f(3 * n);
     dilate_weights<float>(to_float(e), to_float(w), static_cast<float>(dilation), 0, 1, edges_f,
-                          mass_f);
+                          mass_f, scratch_f);
     double sum = 0, largest = 0;
     for (size_t i = 0; i < n; ++i)
       if (e[i + 1] > e[i]) largest = std::max(largest, w[i] / (e[i + 1] - e[i]));

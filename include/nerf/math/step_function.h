@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <limits>
 #include <span>
+#include <vector>
 
 namespace nerf {
 
@@ -128,35 +129,72 @@ void posts_around(std::span<const T> centres, T low, T high, std::span<T> posts)
 // Edges of dilate_weights(): those of n bins, and each bin's moved outwards.
 inline size_t dilated_edges(size_t bins) { return 3 * bins + 1; }
 
+// What dilate_weights() needs besides: made once, it allocates no more while bins do not become
+// more.
+template <class T>
+struct DilationScratch {
+  std::vector<T> density;       // of each bin
+  std::vector<size_t> falling;  // bins in reach whose densities fall from one to the next
+};
+
 // Largest density of all bins that reach within `dilation` of a point, as a step function between
 // all edges and the moved ones, which stay in [low, high]; as weights that sum to 1 (Barron et al.
-// 2022, supplement, section C; multinerf's max_dilate_weights). out_edges: dilated_edges(n), one
-// weight less.
+// 2022, supplement, section C; multinerf's max_dilate_weights). edges: sorted. out_edges:
+// dilated_edges(n), one weight less. Takes a time that grows with n alone.
 template <class T>
 void dilate_weights(std::span<const T> edges, std::span<const T> weights, T dilation, T low, T high,
-                    std::span<T> out_edges, std::span<T> out_weights) {
-  const size_t n = weights.size();
-  size_t k = 0;
-  for (size_t i = 0; i <= n; ++i) out_edges[k++] = edges[i];
-  for (size_t i = 0; i < n; ++i) out_edges[k++] = std::clamp(edges[i] - dilation, low, high);
-  for (size_t i = 0; i < n; ++i) out_edges[k++] = std::clamp(edges[i + 1] + dilation, low, high);
-  std::sort(out_edges.begin(), out_edges.begin() + static_cast<ptrdiff_t>(k));
-  T sum(0);
-  size_t first = 0;  // bins that end before the interval's start are done with
-  for (size_t j = 0; j + 1 < k; ++j) {
-    const T begin = out_edges[j], end = out_edges[j + 1];
-    while (first < n && edges[first + 1] + dilation <= begin) ++first;
-    T density(0);
-    for (size_t i = first; i < n && edges[i] - dilation <= begin; ++i) {
-      const T width = edges[i + 1] - edges[i];
-      if (edges[i + 1] + dilation > begin && width > T(0))
-        density = std::max(density, weights[i] / width);
+                    std::span<T> out_edges, std::span<T> out_weights, DilationScratch<T>& scratch) {
+  const size_t n = weights.size(), all = dilated_edges(n);
+  // Three sorted lists become one.
+  const T never = std::numeric_limits<T>::infinity();
+  const auto before = [&](size_t i) {
+    return i < n ? std::clamp(edges[i] - dilation, low, high) : never;
+  };
+  const auto behind = [&](size_t i) {
+    return i < n ? std::clamp(edges[i + 1] + dilation, low, high) : never;
+  };
+  T of_a = edges[0], of_b = before(0), of_c = behind(0);
+  for (size_t k = 0, a = 0, b = 0, c = 0; k < all; ++k) {
+    if (of_b <= of_a && of_b <= of_c) {
+      out_edges[k] = of_b;
+      of_b = before(++b);
+    } else if (of_a <= of_c) {
+      out_edges[k] = of_a;
+      of_a = ++a <= n ? edges[a] : never;
+    } else {
+      out_edges[k] = of_c;
+      of_c = behind(++c);
     }
+  }
+
+  scratch.density.resize(n);
+  scratch.falling.resize(n);
+  for (size_t i = 0; i < n; ++i) {
+    const T width = edges[i + 1] - edges[i];
+    scratch.density[i] = width > T(0) ? weights[i] / width : T(0);
+  }
+  T sum(0);
+  size_t next = 0;               // the first bin that begins behind the interval's start
+  size_t front = 0, length = 0;  // of `falling`: its first has the largest density in reach
+  for (size_t j = 0; j + 1 < all; ++j) {
+    const T begin = out_edges[j], end = out_edges[j + 1];
+    for (; next < n && edges[next] - dilation <= begin; ++next) {
+      while (length > 0 &&
+             !(scratch.density[scratch.falling[front + length - 1]] > scratch.density[next]))
+        --length;
+      if (length == 0) front = 0;
+      scratch.falling[front + length++] = next;
+    }
+    while (length > 0 && edges[scratch.falling[front] + 1] + dilation <= begin) {
+      ++front;
+      --length;
+    }
+    const T density = length > 0 ? scratch.density[scratch.falling[front]] : T(0);
     out_weights[j] = density * (end - begin);
     sum += out_weights[j];
   }
   const T least = std::numeric_limits<T>::epsilon();
-  for (size_t j = 0; j + 1 < k; ++j) out_weights[j] /= std::max(sum, least);
+  for (size_t j = 0; j + 1 < all; ++j) out_weights[j] /= std::max(sum, least);
 }
 
 }  // namespace nerf

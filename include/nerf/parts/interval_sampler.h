@@ -10,6 +10,7 @@
 #include "nerf/base/options.h"
 #include "nerf/base/real.h"
 #include "nerf/math/random.h"
+#include "nerf/math/step_function.h"
 
 namespace nerf {
 
@@ -100,6 +101,7 @@ class IntervalSampler {
   IntervalOptions options_;
   Real near_, far_;
   std::vector<Real> u_, scratch_, edges_, mass_, cdf_;
+  DilationScratch<Real> dilation_;
 };
 
 }  // namespace nerf
