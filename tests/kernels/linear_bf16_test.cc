@@ -110,20 +110,29 @@ TEST(Bf16, RoundsToTheNearestNumber) {
     const float v = std::bit_cast<float>(static_cast<uint32_t>(random.below(uint64_t{1} << 32)));
     if (!std::isnan(v)) x.push_back(v);
   }
-  std::vector<uint16_t> rounded(x.size());
-  std::vector<float> back(x.size());
-  round_to_bf16(static_cast<int64_t>(x.size()), x.data(), rounded.data());
-  widen_bf16(static_cast<int64_t>(x.size()), rounded.data(), back.data());
-  for (size_t i = 0; i < x.size(); ++i)
-    ASSERT_EQ(std::bit_cast<uint32_t>(back[i]),
-              std::bit_cast<uint32_t>(reference::nearest_bf16(x[i])))
-        << std::hexfloat << x[i] << " became " << back[i];
+  // Whole vectors, parts of one, none, from wherever they stand.
+  const auto check = [&](size_t first, size_t n) {
+    std::vector<uint16_t> rounded(n + 1, 0x7777);
+    std::vector<float> back(n + 1, 7.0f);
+    round_to_bf16(static_cast<int64_t>(n), x.data() + first, rounded.data());
+    widen_bf16(static_cast<int64_t>(n), rounded.data(), back.data());
+    for (size_t i = 0; i < n; ++i)
+      ASSERT_EQ(std::bit_cast<uint32_t>(back[i]),
+                std::bit_cast<uint32_t>(reference::nearest_bf16(x[first + i])))
+          << std::hexfloat << x[first + i] << " became " << back[i];
+    EXPECT_EQ(rounded[n], 0x7777);
+    EXPECT_EQ(back[n], 7.0f);
+  };
   const float nan = std::bit_cast<float>(0x7f800001u);  // its upper half alone is an infinity
-  uint16_t half;
-  round_to_bf16(1, &nan, &half);
-  float again;
-  widen_bf16(1, &half, &again);
-  EXPECT_TRUE(std::isnan(again));
+  for_each_target([&](const std::string&) {
+    check(0, x.size());
+    for (size_t n = 0; n < 20; ++n) check(n % 5, n);
+    uint16_t half;
+    round_to_bf16(1, &nan, &half);
+    float again;
+    widen_bf16(1, &half, &again);
+    EXPECT_TRUE(std::isnan(again));
+  });
 }
 
 // Bit for bit in the unit's own order; rows beyond the depth and columns in the padding count for
