@@ -21,11 +21,13 @@ struct ModelInfo;
 inline constexpr int kMostSupersampling = 8;
 
 struct RenderOptions {
-  Vec3 background{1, 1, 1};         // sRGB; seen where alpha < 1
-  bool unclipped = false;           // true samples every occupied cell, whatever is cached of it,
-                                    // without min_transmittance and what counts samples
-  std::optional<Box3> bbox;         // input coordinates; nothing outside it is drawn
-  Real min_transmittance = 1e-6_r;  // a ray stops where the cached density lets less through
+  Vec3 background{1, 1, 1};  // sRGB; seen where alpha < 1
+  bool unclipped = false;    // true samples every occupied cell, whatever is cached of it,
+                             // without min_transmittance and what counts samples
+  std::optional<Box3> bbox;  // input coordinates; nothing outside it is drawn
+  // A ray stops where the cached density lets less through, whatever it stopped at in training;
+  // 0: nowhere.
+  Real min_transmittance = 1e-6_r;
   // These three of the grid method. A ray also ends where the network's own densities let less
   // through; the samples behind add nothing.
   Real stop_transmittance = 1.0_r / 1024;
