@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "nerf/io/scene.h"
+#include "nerf/model/radiance_field.h"
 
 namespace nerf::apps {
 
@@ -20,6 +21,10 @@ int bench_ablation(int argc, char** argv);
 // views are not in it.
 Scene held_out_scene(const std::filesystem::path& run, int most_views,
                      std::optional<int> downscale = {});
+
+// Finds out where a paper method's model is empty, as if many pictures were to come. Returns how
+// many seconds that took; nothing of other models and where no picture could skip more for it.
+std::optional<double> bake(RadianceField& field, ThreadPool& pool);
 
 // Renders the held-out views of a run (`views` of them, spread evenly; 0: all) with and without
 // everything that rendering leaves out and prints how long it took and how much they differ, from

@@ -69,16 +69,20 @@ double median(std::vector<double> v) {
   return n % 2 ? v[n / 2] : 0.5 * (v[n / 2 - 1] + v[n / 2]);
 }
 
+std::optional<double> bake(RadianceField& field, ThreadPool& pool) {
+  const auto begin = std::chrono::steady_clock::now();
+  if (!field.bake(~uint64_t{0} >> 20, pool)) return std::nullopt;
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
 void compare_rendering(const fs::path& run, int views, int threads, std::optional<int> downscale) {
   RadianceField field = RadianceField::load(run / "model.nerf");
   ThreadPool pool(threads);
   const Scene scene = held_out_scene(run, views, downscale);
   if (scene.views.empty()) return;
   const PhotoSet photos = load_photos(scene, pool);
-  const auto baking = std::chrono::steady_clock::now();
-  if (field.bake(~uint64_t{0} >> 20, pool))
-    std::printf("\nempty space found in %.1f s\n",
-                std::chrono::duration<double>(std::chrono::steady_clock::now() - baking).count());
+  if (const auto baking = bake(field, pool))
+    std::printf("\nempty space found in %.1f s\n", *baking);
   RenderOptions skip;
   skip.background = evaluation_background(field.info());
   RenderOptions all = skip;

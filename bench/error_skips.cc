@@ -158,7 +158,8 @@ class Skips {
         run_(run),
         pool_(pool),
         field_(RadianceField::load(run / "model.nerf")),
-        everywhere_(without_occupancy(field_)) {
+        everywhere_(without_occupancy(field_)),
+        baking_seconds_(bake(field_, pool)) {
     for (Setting& s : settings(field_.is_grid()))
       if (settings_.empty() || options.selected(s.name)) settings_.push_back(std::move(s));
     measured_.resize(settings_.size());
@@ -222,17 +223,13 @@ class Skips {
     curve.name = "skips";
     curve.title = "Rendering: time against what the skips cost the picture";
     curve.text = fmt::format(
-        "{} held-out views of {}, {}x{}, against the picture with every skip off (every occupied "
-        "cell sampled four times, no stop, every sample's colour computed, f32: {:.2f} s, {:.2f} "
-        "dB). "
-        "The cache's stop and the number of samples exist only where samples follow the cached "
-        "densities: "
-        "those points are with the default factor of samples, no stop and full shading but for "
-        "what their label says. Empty cells were never trained where no photo shows matter: what "
-        "they "
-        "hold is not meant to be seen, and only the first view is rendered with them. Counts are "
-        "sums over the views.",
-        views, run_.filename().string(), photo.width, photo.height, off_seconds, off.mean_psnr());
+        "{} held-out views of {}, {}x{}, against the picture with every skip off ({}, f32: {:.2f} "
+        "s, {:.2f} dB). {} Counts are sums over the views.",
+        views, run_.filename().string(), photo.width, photo.height,
+        field_.is_grid() ? "every occupied cell sampled four times, no stop, every sample's colour "
+                           "computed"
+                         : "the networks are asked for every sample",
+        off_seconds, off.mean_psnr(), about_samples());
     curve.table.columns = {"setting",
                            "seconds",
                            "speedup",
@@ -283,6 +280,22 @@ class Skips {
     return curve;
   }
 
+  // Which of the samples the switches are about.
+  std::string about_samples() const {
+    if (field_.is_grid())
+      return "The cache's stop and the number of samples exist only where samples follow the "
+             "cached densities: those points are with the default factor of samples, no stop and "
+             "full shading but for what their label says. Empty cells were never trained where no "
+             "photo shows matter: what they hold is not meant to be seen, and only the first view "
+             "is rendered with them.";
+    if (baking_seconds_)
+      return fmt::format(
+          "The cache says where the networks are empty: it was baked once, in {:.1f} s, which are "
+          "in no row's seconds.",
+          *baking_seconds_);
+    return "Of such a model no cache can be baked.";
+  }
+
   // Of the views that were measured, the first ones, against every skip off.
   double mean_loss(const Measured& m) const {
     double sum = 0;
@@ -309,6 +322,7 @@ class Skips {
   std::filesystem::path run_;
   ThreadPool& pool_;
   RadianceField field_, everywhere_;
+  std::optional<double> baking_seconds_;
   std::vector<Setting> settings_;
   std::vector<Measured> measured_;
 };
