@@ -43,11 +43,6 @@ bool ErrorBenchOptions::wants(const std::string& curve) const {
   return std::find(parts.begin(), parts.end(), curve) != parts.end();
 }
 
-bool ErrorBenchOptions::selected(const std::string& name) const {
-  if (filter.starts_with('=')) return name == filter.substr(1);
-  return name.find(filter) != std::string::npos;
-}
-
 std::vector<int> ErrorBenchOptions::samples_list() const {
   const std::vector<int> list = integers(samples, 2, 1 << 20, "--samples", "8,16,32");
   for (const int n : list)

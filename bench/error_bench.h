@@ -66,7 +66,10 @@ struct ErrorBenchOptions {
   void check_options() const;
 
   bool wants(const std::string& curve) const;
-  bool selected(const std::string& name) const;
+  bool selected(const std::string& name) const {
+    if (filter.starts_with('=')) return name == filter.substr(1);
+    return name.find(filter) != std::string::npos;
+  }
   std::vector<int> samples_list() const;
   std::vector<double> minutes_list() const;
   std::vector<int> tables_list() const;

@@ -64,7 +64,7 @@ ErrorCurve quadrature_curve(const ErrorBenchOptions& options, ThreadPool& pool) 
              fmt::format("{:.6e}", error), order,
              fmt::format("nerf_bench error --curves quadrature --samples {} --rays {} --seed {} "
                          "--filter {} -o {}",
-                         n, options.rays, options.seed, shell_quoted(name),
+                         n, options.rays, options.seed, shell_quoted("=" + name),
                          shell_quoted(options.out.string()))});
       }
       chart.series.push_back(std::move(series));

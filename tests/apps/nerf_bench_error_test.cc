@@ -1,12 +1,15 @@
 // nerf_bench error: that its files are there and whole, and that its curves show what they must.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <functional>
 #include <set>
 
 #include "blender_scene.h"
 #include "chart.h"
 #include "csv.h"
+#include "error_bench.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf_train_fixture.h"
 #include "quadrature.h"
@@ -25,6 +28,41 @@ using testing_apps::TempFolder;
 using Row = std::map<std::string, std::string>;
 
 std::vector<Row> rows_of(const fs::path& csv) { return csv_rows(read_text(csv)); }
+
+// The words of each row's command, as a shell takes it apart.
+std::vector<std::vector<std::string>> commands_of(const std::vector<Row>& rows) {
+  std::string script = "nerf_bench() { printf '%s\\n' $# \"$@\"; }\n";
+  for (const Row& row : rows) script += row.at("command") + "\n";
+  const std::vector<std::string> lines =
+      testing_apps::lines_of(run_program("/bin/sh", {"-c", script}).out);
+  std::vector<std::vector<std::string>> commands;
+  for (size_t at = 0; at < lines.size();) {
+    const size_t count = std::stoul(lines[at++]);
+    EXPECT_LE(at + count, lines.size());
+    if (at + count > lines.size()) break;
+    commands.emplace_back(lines.begin() + static_cast<int64_t>(at),
+                          lines.begin() + static_cast<int64_t>(at + count));
+    at += count;
+  }
+  EXPECT_EQ(commands.size(), rows.size());
+  return commands;
+}
+
+// Each row's command chooses its name, and no other's.
+void expect_own_filters(const std::vector<Row>& rows,
+                        const std::function<std::string(const Row&)>& name_of) {
+  std::set<std::string> names;
+  for (const Row& row : rows) names.insert(name_of(row));
+  const std::vector<std::vector<std::string>> commands = commands_of(rows);
+  for (size_t i = 0; i < std::min(rows.size(), commands.size()); ++i) {
+    const auto flag = std::ranges::find(commands[i], "--filter");
+    ASSERT_TRUE(flag != commands[i].end() && flag + 1 != commands[i].end()) << i;
+    apps::ErrorBenchOptions options;
+    options.filter = *(flag + 1);
+    for (const std::string& name : names)
+      EXPECT_EQ(options.selected(name), name == name_of(rows[i])) << options.filter << ": " << name;
+  }
+}
 
 void expect_svg(const fs::path& file) {
   const std::string svg = read_text(file);
@@ -86,18 +124,21 @@ TEST(NerfBenchError, QuadratureErrorsFallAtTheirOrder) {
   EXPECT_TRUE(fs::exists(folder.path() / "report.html"));
 
   // A row's command gives that row again, and no other.
-  const fs::path again = folder.path() / "again";
-  const ProgramResult one = run_program(
-      NERF_BENCH_PROGRAM, {"error", "--curves", "quadrature", "--samples", "64", "--rays", "300",
-                           "--filter", "slab, hierarchical", "-o", again.string()});
-  ASSERT_EQ(one.exit_code, 0) << one.err;
-  const std::vector<Row> same = rows_of(again / "quadrature.csv");
-  ASSERT_EQ(same.size(), 1u);
-  for (const Row& row : rows)
-    if (row.at("medium") == "slab" && row.at("sampling") == "hierarchical" &&
-        row.at("evaluations") == "64") {
-      EXPECT_EQ(row.at("rms_error"), same[0].at("rms_error"));
-    }
+  expect_own_filters(
+      rows, [](const Row& row) { return row.at("medium") + ", " + row.at("sampling"); });
+  const std::vector<std::vector<std::string>> commands = commands_of(rows);
+  int taken = 0;
+  for (size_t i = 0; i < rows.size(); ++i) {
+    if (rows[i].at("evaluations") != "64" || rows[i].at("medium") != "slab") continue;
+    const ProgramResult one = run_program(NERF_BENCH_PROGRAM, commands[i]);
+    ASSERT_EQ(one.exit_code, 0) << one.err;
+    const std::vector<Row> same = rows_of(folder.path() / "quadrature.csv");
+    ASSERT_EQ(same.size(), 1u) << rows[i].at("command");
+    for (const char* column : {"medium", "sampling", "evaluations", "rms_error"})
+      EXPECT_EQ(same[0].at(column), rows[i].at(column)) << column;
+    ++taken;
+  }
+  EXPECT_EQ(taken, 4);
 }
 
 TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
@@ -140,8 +181,10 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
     }
   EXPECT_EQ(widths[0].at("steps"), "5");
 
+  const std::vector<Row> skip_rows = rows_of(out / "skips.csv");
   std::map<std::string, Row> skips;
-  for (const Row& row : rows_of(out / "skips.csv")) skips[row.at("setting")] = row;
+  for (const Row& row : skip_rows) skips[row.at("setting")] = row;
+  expect_own_filters(skip_rows, [](const Row& row) { return row.at("setting"); });
   const auto number = [&](const std::string& setting, const char* column) {
     EXPECT_TRUE(skips.contains(setting)) << setting;
     return skips.contains(setting) ? std::stod(skips[setting].at(column)) : 0.0;
