@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
 
@@ -10,6 +11,7 @@
 #include "error_bench.h"
 #include "nerf/io/photos.h"
 #include "nerf/kernels/bf16.h"
+#include "nerf/math/random.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/renderer.h"
 #include "nerf/train/evaluation.h"
@@ -130,18 +132,29 @@ std::vector<Setting> settings(bool grid) {
   return all;
 }
 
+// A number that two frames share only if they took the same work and show the same.
+uint64_t signature_of(const Frame& f) {
+  const RenderStatistics& s = f.statistics;
+  uint64_t h = 1;
+  for (const int64_t n : {s.rays, s.segments, s.density_evaluations, s.colour_evaluations})
+    h = mix64(h ^ static_cast<uint64_t>(n));
+  for (const Real v : f.rgb) h = mix64(h ^ std::bit_cast<uint64_t>(static_cast<double>(v)));
+  return h;
+}
+
 // What was measured of one setting, over all views.
 struct Measured {
   std::vector<double> seconds, psnr;
   double square_sum = 0;  // difference from the picture with every skip off
   size_t values = 0;
   RenderStatistics work;
+  std::vector<uint64_t> signatures;  // of each view
 
-  void add(const RenderStatistics& s) {
-    work.rays += s.rays;
-    work.segments += s.segments;
-    work.density_evaluations += s.density_evaluations;
-    work.colour_evaluations += s.colour_evaluations;
+  // Of the views that both were measured on.
+  bool same_as(const Measured& other) const {
+    const size_t n = std::min(signatures.size(), other.signatures.size());
+    return std::equal(signatures.begin(), signatures.begin() + static_cast<int64_t>(n),
+                      other.signatures.begin());
   }
   double rms() const { return std::sqrt(square_sum / static_cast<double>(values)); }
   double mean_psnr() const {
@@ -190,7 +203,8 @@ class Skips {
       Measured& m = measured_[i];
       if (settings_[i].empty_cells && !m.seconds.empty()) continue;
       Frame f = timed(camera, pose, settings_[i], m.seconds);
-      m.add(f.statistics);
+      m.work += f.statistics;
+      m.signatures.push_back(signature_of(f));
       if (i == 0) whole = f;
       for (size_t k = 0; k < f.rgb.size(); ++k) {
         const double d = static_cast<double>(f.rgb[k]) - static_cast<double>(whole.rgb[k]);
@@ -254,9 +268,19 @@ class Skips {
       chart->x_mark = off_seconds;
       chart->x_mark_label = "every skip off";
     }
+    std::string repeats;
     for (size_t i = 0; i < settings_.size(); ++i) {
       const Setting& s = settings_[i];
       const Measured& m = measured_[i];
+      // Some switches have nothing to do in this model, or stand as another row has them.
+      const auto before = measured_.begin() + static_cast<int64_t>(i);
+      const auto same = std::find_if(measured_.begin(), before,
+                                     [&](const Measured& other) { return m.same_as(other); });
+      if (same != before) {
+        const auto at = static_cast<size_t>(same - measured_.begin());
+        repeats += fmt::format(" The same as {}: {}.", settings_[at].name, s.name);
+        continue;
+      }
       const double seconds = median(m.seconds), lost = mean_loss(m);
       curve.table.rows.push_back(
           {s.name, fmt::format("{:.4f}", seconds), fmt::format("{:.2f}", off_seconds / seconds),
@@ -276,6 +300,7 @@ class Skips {
       difference.series.back().points.push_back({seconds, m.rms(), s.label});
       loss.series.back().points.push_back({seconds, lost, s.label});
     }
+    curve.text += repeats;
     curve.charts = {std::move(difference), std::move(loss)};
     return curve;
   }

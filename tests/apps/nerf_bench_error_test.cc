@@ -7,13 +7,13 @@
 #include <set>
 
 #include "blender_scene.h"
-#include "chart.h"
 #include "csv.h"
 #include "error_bench.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf_train_fixture.h"
 #include "quadrature.h"
 #include "run_program.h"
+#include "svg.h"
 
 namespace nerf {
 namespace {
@@ -21,6 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing_apps::csv_rows;
 using testing_apps::expect_refused;
+using testing_apps::expect_svg;
 using testing_apps::ProgramResult;
 using testing_apps::read_text;
 using testing_apps::run_program;
@@ -64,12 +65,18 @@ void expect_own_filters(const std::vector<Row>& rows,
   }
 }
 
-void expect_svg(const fs::path& file) {
-  const std::string svg = read_text(file);
-  EXPECT_EQ(svg.rfind("<svg ", 0), 0u) << file;
-  EXPECT_TRUE(svg.ends_with("</svg>\n")) << file;
-  EXPECT_EQ(svg.find("nan"), std::string::npos) << file;
-  EXPECT_EQ(svg.find("inf"), std::string::npos) << file;
+// Whether a row of the skips did other work than another one, or shows another picture.
+bool differ(const Row& a, const Row& b) {
+  for (const char* column :
+       {"segments", "density_evaluations", "colour_evaluations", "rms_difference", "psnr"})
+    if (a.at(column) != b.at(column)) return true;
+  return false;
+}
+
+void expect_all_differ(const std::vector<Row>& rows) {
+  for (size_t i = 0; i < rows.size(); ++i)
+    for (size_t j = 0; j < i; ++j)
+      EXPECT_TRUE(differ(rows[i], rows[j])) << rows[i].at("setting") << ", " << rows[j].at("setting");
 }
 
 TEST(Quadrature, ConvergesToTheClosedForm) {
@@ -189,13 +196,6 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
     EXPECT_TRUE(skips.contains(setting)) << setting;
     return skips.contains(setting) ? std::stod(skips[setting].at(column)) : 0.0;
   };
-  // Whether a setting does other work than another one, or gives another picture.
-  const auto differ = [&](const std::string& a, const std::string& b) {
-    for (const char* column :
-         {"segments", "density_evaluations", "colour_evaluations", "rms_difference"})
-      if (number(a, column) != number(b, column)) return true;
-    return false;
-  };
   const std::string off = "every skip off";
   EXPECT_EQ(number(off, "rms_difference"), 0);
   EXPECT_EQ(number(off, "psnr_loss"), 0);
@@ -203,25 +203,24 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   EXPECT_EQ(number(off, "density_evaluations"), 4 * number(off, "segments"));
   EXPECT_GT(number("every skip off, empty cells too", "density_evaluations"),
             2 * number(off, "density_evaluations"));
-  EXPECT_TRUE(differ("unshaded 1/1024", off));
-  EXPECT_TRUE(differ("unshaded 1/64", "unshaded 1/1024"));
-  EXPECT_TRUE(differ("shared colour 1/32", off));
-  EXPECT_TRUE(differ("shared colour 1/4", "shared colour 1/32"));
-  EXPECT_TRUE(differ("network's stop 1e-2", "network's stop 1e-6"));
-  EXPECT_EQ(skips.contains("bf16"), bf16_unit() != Bf16Unit::kNone);
-  if (skips.contains("bf16")) {
-    EXPECT_TRUE(differ("bf16", off));
-  }
-  EXPECT_TRUE(differ("cache, factor 4", off));
-  EXPECT_TRUE(differ("cache, factor 0.5", "cache, factor 4"));
-  EXPECT_TRUE(differ("cache, stop 1e-3", "cache, factor 0.85"));
-  EXPECT_TRUE(differ("cache, stop 1e-3", "cache, stop 1e-4"));
-  EXPECT_TRUE(differ("cache, stop 1e-4", "cache, stop 1e-6"));
-  EXPECT_TRUE(differ("together, factor 0.85", "together, factor 1"));
-  EXPECT_TRUE(differ("together, factor 1.5", "cache, factor 1.5"));
-  EXPECT_TRUE(differ("together, factor 0.5", "together, factor 2"));
-  EXPECT_TRUE(differ("together, spread 0.5", "together, spread 4"));
-  EXPECT_TRUE(differ("together, shared colour 1/8", "together, shared colour 1/64"));
+  // Of this capture no switch is without effect: a row that repeats another would be left out.
+  expect_all_differ(skip_rows);
+  std::vector<std::string> expected = {off, off + ", empty cells too"};
+  if (bf16_unit() != Bf16Unit::kNone) expected.push_back("bf16");
+  const auto expect_series = [&](const std::string& series, const std::vector<std::string>& values) {
+    for (const std::string& value : values) expected.push_back(series + " " + value);
+  };
+  expect_series("unshaded", {"1/1024", "1/256", "1/64"});
+  expect_series("shared colour", {"1/64", "1/32", "1/16", "1/8", "1/4"});
+  expect_series("network's stop", {"1e-6", "1e-4", "1e-3", "1e-2"});
+  expect_series("cache, factor", {"4", "2", "1.5", "1.25", "1", "0.85", "0.5"});
+  expect_series("cache, stop", {"1e-6", "1e-4", "1e-3"});
+  expect_series("together, factor", {"2", "1.5", "1.25", "1", "0.85", "0.75", "0.5"});
+  expect_series("together, at most", {"32", "64", "192"});
+  expect_series("together, spread", {"0.5", "1", "4"});
+  expect_series("together, shared colour", {"1/64", "1/32", "1/8"});
+  for (const std::string& name : expected) EXPECT_TRUE(skips.contains(name)) << name;
+  EXPECT_EQ(skips.size(), expected.size());
   for (const auto& [name, row] : skips) {
     EXPECT_LT(std::stod(row.at("rms_difference")), 0.1) << name;
     // Of one view the worst is the mean.
@@ -247,6 +246,51 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   ASSERT_EQ(same.size(), 2u);
   for (const char* column : {"rms_difference", "psnr", "segments", "colour_evaluations"})
     EXPECT_EQ(same[1].at(column), skips["unshaded 1/64"].at(column)) << column;
+}
+
+TEST(NerfBenchError, SkipsOfAPapersMethodAreThoseOfItsBakedCache) {
+  TempFolder folder;
+  test::write_blender_scene(folder.path() / "capture");
+  const fs::path run = folder.path() / "run", out = folder.path() / "error";
+  const auto skips = [&](const std::string& method, const std::string& steps,
+                         const std::string& networks) {
+    const ProgramResult trained = run_program(
+        NERF_TRAIN_PROGRAM,
+        {(folder.path() / "capture").string(), "-o", run.string(), "--overwrite", "--method",
+         method, "--scale", "tiny", "--steps", steps, "--eval-every", "0", "--rate", "5e-3",
+         networks, "--network-depth", "2", "--network-width", "16",
+         "--network-bottleneck", "16", "--network-view-width", "16", "--network-position-degrees",
+         "4", "--network-sampling-coarse", "16", "--network-sampling-fine", "16", "--recipe-rays",
+         "96"});
+    EXPECT_EQ(trained.exit_code, 0) << trained.err;
+    const ProgramResult result =
+        run_program(NERF_BENCH_PROGRAM, {"error", "--curves", "skips", "--run", run.string(),
+                                         "--views", "1", "--repeats", "1", "-o", out.string()});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    const std::vector<Row> rows = rows_of(out / "skips.csv");
+    expect_all_differ(rows);
+    std::map<std::string, Row> by_name;
+    for (const Row& row : rows) by_name[row.at("setting")] = row;
+    return by_name;
+  };
+  const bool in_bf16 = resolve_precision(Precision::kAuto) == Precision::kBf16;
+  auto rows = skips("nerf", "200", "--network-shared");
+  std::string page = read_text(out / "report.html");
+  ASSERT_TRUE(rows.contains("every skip off") && rows.contains("cache"));
+  EXPECT_LT(std::stoi(rows["cache"].at("density_evaluations")),
+            std::stoi(rows["every skip off"].at("density_evaluations")));
+  EXPECT_LT(std::stod(rows["cache"].at("rms_difference")), 0.01);
+  EXPECT_NE(page.find("The cache says where the networks are empty: it was baked once, in "),
+            std::string::npos);
+  EXPECT_EQ(rows.contains("together"), in_bf16);
+  EXPECT_EQ(page.find("The same as cache: together.") != std::string::npos, !in_bf16);
+
+  // Of warped cones none is baked: what repeats the first row is left out and named.
+  rows = skips("mipnerf360", "2", "--no-network-shared");
+  page = read_text(out / "report.html");
+  EXPECT_FALSE(rows.contains("cache"));
+  EXPECT_NE(page.find("Of such a model no cache can be baked."), std::string::npos);
+  EXPECT_NE(page.find("The same as every skip off: cache."), std::string::npos);
 }
 
 // That every switch does other work or gives other views, train/grid_switches_test.cc asserts.
@@ -304,41 +348,6 @@ TEST(NerfBenchError, MistakesAreFoundBeforeAnythingIsWritten) {
   refused({"/nonexistent", "--tables", "9"}, {"--tables", "'9'", "10 to 24"});
   refused({"/nonexistent", "--precisions", "f16"}, {"--precisions", "'f16'", "bf16"});
   refused({"/nonexistent", "--minutes", "0"}, {"--minutes", "'0'"});
-}
-
-TEST(Chart, TicksAreRoundAndWithinTheAxis) {
-  using apps::axis_ticks;
-  EXPECT_EQ(axis_ticks(0, 10, false), (std::vector<double>{0, 2, 4, 6, 8, 10}));
-  EXPECT_EQ(axis_ticks(-1, 1, false), (std::vector<double>{-1, -0.5, 0, 0.5, 1}));
-  EXPECT_EQ(axis_ticks(1, 1000, true), (std::vector<double>{1, 10, 100, 1000}));
-  for (const bool log : {false, true})
-    for (const auto& [low, high] :
-         {std::pair{3.0, 3.3}, {0.012, 950.0}, {1e-9, 1e6}, {7.0, 60.0}}) {
-      const std::vector<double> ticks = axis_ticks(low, high, log);
-      EXPECT_GE(ticks.size(), 2u) << low << ' ' << high;
-      EXPECT_LE(ticks.size(), 12u) << low << ' ' << high;
-      for (const double t : ticks) EXPECT_TRUE(t >= low && t <= high * (1 + 1e-9)) << t;
-    }
-}
-
-TEST(Chart, DrawsWhateverTheValuesAre) {
-  TempFolder folder;
-  apps::Chart chart;
-  chart.title = "a < b & \"c\"";
-  chart.x.log = chart.y.log = true;
-  const auto drawn = [&] {
-    testing_apps::write_text(folder.path() / "chart.svg", apps::svg_text(chart));
-    expect_svg(folder.path() / "chart.svg");
-    return apps::svg_text(chart);
-  };
-  EXPECT_NE(drawn().find("a &lt; b &amp; &quot;c&quot;"), std::string::npos);
-  chart.series = {{"empty", {}, true}, {"one", {{5, 5, "<label>"}}, true}};
-  EXPECT_NE(drawn().find("&lt;label&gt;"), std::string::npos);
-  // Values that a logarithm has no place for are left out, the others drawn.
-  chart.series = {{"some", {{0, 1, ""}, {1, 0, ""}, {2, 3, ""}, {4, NAN, ""}, {8, 1, ""}}, true}};
-  drawn();
-  chart.x.log = chart.y.log = false;
-  drawn();
 }
 
 }  // namespace
