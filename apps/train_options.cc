@@ -18,6 +18,41 @@ constexpr std::array kFree = {"scene",       "out",        "threads",    "resume
                               "overwrite",   "eval_every", "eval_views", "checkpoint_every",
                               "report_every"};
 
+// What the grid's trainer alone reads, besides the options of its groups.
+constexpr std::array kOfTheGrid = {"batch_samples",
+                                   "network_rate",
+                                   "beta1",
+                                   "final_beta1",
+                                   "beta2",
+                                   "final_beta2",
+                                   "huber_delta",
+                                   "distortion",
+                                   "network_l2",
+                                   "early_samples",
+                                   "late_levels",
+                                   "coarse_photos",
+                                   "error_guidance",
+                                   "shared_colour",
+                                   "stop_transmittance",
+                                   "gradient_roulette",
+                                   "occupancy_threshold",
+                                   "every_row",
+                                   "keep_unseen",
+                                   "keep_transparent"};
+
+// Whether the method reads the training option of that name.
+bool is_read(const std::string& name, bool grid) {
+  if (name.starts_with("grid.")) return grid;
+  if (name.starts_with("network.") || name.starts_with("recipe.")) return !grid;
+  return grid || std::ranges::find(kOfTheGrid, name) == kOfTheGrid.end();
+}
+
+std::string flag_of(const std::string& name) {
+  OptionField field;
+  field.name = name;
+  return option_flag(field);
+}
+
 bool is_free(const OptionField& field) {
   return std::find(kFree.begin(), kFree.end(), field.name) != kFree.end();
 }
@@ -98,12 +133,13 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   if (grid && given.contains("scale"))
     out.push_back("--scale is not used: the grid method has one preset");
   for (const std::string& name : given)
-    for (const char* group : {"grid.", "network.", "recipe."})
-      if (name.starts_with(group) && grid != (group == std::string("grid."))) {
-        OptionField field;
-        field.name = name;
-        out.push_back(option_flag(field) + " is not used by --method " + command.train.method);
-      }
+    if (!is_read(name, grid))
+      out.push_back(flag_of(name) + " is not used by --method " + command.train.method);
+  const bool per_ray = command.train.grid.colour_per_ray;
+  if (grid && per_ray && given.contains("shared_colour"))
+    out.push_back("--shared-colour is not used: with --grid-colour-per-ray a ray has one colour");
+  if (grid && (per_ray || command.train.shared_colour == 0) && given.contains("stop_transmittance"))
+    out.push_back("--stop-transmittance is not used: no samples share a colour");
   if (!grid && command.train.network.space == Space::kNdc &&
       (given.contains("recipe.near") || given.contains("recipe.far")))
     out.push_back(

@@ -37,6 +37,44 @@ TEST(TrainOptionsText, ABackgroundNeedsPhotosWithAlpha) {
   EXPECT_EQ(unused[0].find("--recipe-near and --recipe-far are not used"), 0u) << unused[0];
 }
 
+// The help marks them, and a warning names them.
+TEST(TrainOptionsText, WhatTheGridAloneReadsIsNotUsedByAPapersMethod) {
+  Scene cut_out;
+  cut_out.alpha = true;
+  apps::TrainCommand grid, nerf;
+  nerf.train = method_options("nerf", Scale::kTiny);
+  int grid_alone = 0;
+  for (const OptionField& field : option_fields(nerf.train)) {
+    if (field.name.find('.') != std::string::npos) continue;  // of a group
+    EXPECT_TRUE(apps::unused_options(grid, {field.name}, cut_out).empty()) << field.name;
+    const std::vector<std::string> unused = apps::unused_options(nerf, {field.name}, cut_out);
+    const bool marked = field.help.find("(grid") != std::string::npos;
+    ASSERT_EQ(unused.size(), marked ? 1u : 0u) << field.name;
+    if (!marked) continue;
+    EXPECT_EQ(unused[0], option_flag(field) + " is not used by --method nerf");
+    ++grid_alone;
+  }
+  EXPECT_EQ(grid_alone, 18);
+}
+
+TEST(TrainOptionsText, OneColourOfARayIsNotShared) {
+  const Scene scene;
+  apps::TrainCommand command;
+  const std::set<std::string> both = {"shared_colour", "stop_transmittance"};
+  EXPECT_TRUE(apps::unused_options(command, both, scene).empty());
+  command.train.shared_colour = 0;
+  EXPECT_EQ(apps::unused_options(command, both, scene),
+            std::vector<std::string>{
+                "--stop-transmittance is not used: no samples share a colour"});
+  command.train.grid.colour_per_ray = true;
+  EXPECT_EQ(apps::unused_options(command, both, scene).size(), 2u);
+  command.train.shared_colour = 0.25;
+  const std::vector<std::string> unused = apps::unused_options(command, both, scene);
+  ASSERT_EQ(unused.size(), 2u);
+  EXPECT_EQ(unused[0],
+            "--shared-colour is not used: with --grid-colour-per-ray a ray has one colour");
+}
+
 TEST(TrainOptionsText, DefaultRunFolderIsNamedAfterTheScene) {
   TempFolder folder;
   fs::create_directories(folder.path() / "garden.v2");

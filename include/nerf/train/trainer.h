@@ -84,12 +84,13 @@ struct TrainOptions {
     v("background", background,
       "colour that photos with alpha are laid over, where they are compared and where a paper's "
       "method trains on them; other photos need none");
-    v("batch_samples", batch_samples, "network samples of a step", at_least(960), at_most(1 << 22));
+    v("batch_samples", batch_samples, "network samples of a step (grid)", at_least(960),
+      at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
     v("precision", precision,
       "operands of the networks' products; bf16 is rounded, sums and weights stay f32; auto: bf16 "
       "where the processor is faster with it");
-    v("network_rate", network_rate, "step size of the networks, as a share of the tables'",
+    v("network_rate", network_rate, "step size of the networks, as a share of the tables' (grid)",
       above(0), at_most(10));
     v("final_rate", final_rate, "step size of the last step, as a share of the first", above(0),
       at_most(1));
@@ -109,21 +110,21 @@ struct TrainOptions {
       at_least(0), at_most(0.999));
     v("final_beta2", final_beta2, "Adam's decay of the squared gradient at last, likewise (grid)",
       at_least(0), at_most(0.999));
-    v("huber_delta", huber_delta, "error above which the loss grows linearly", above(0));
+    v("huber_delta", huber_delta, "error above which the loss grows linearly (grid)", above(0));
     v("distortion", distortion,
       "weight of the loss that draws the light of a ray together; without it 0.02 where the scene "
       "is "
       "unbounded, else 0 (grid; --recipe-distortion of the paper methods)",
       at_least(0), at_most(1000));
-    v("network_l2", network_l2, "weight decay of the networks", at_least(0));
+    v("network_l2", network_l2, "weight decay of the networks (grid)", at_least(0));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
       "steps take, and where the scene is bounded all after 200 million samples: many rays first, "
-      "exact ones later",
+      "exact ones later (grid)",
       above(0), at_most(1));
     v("late_levels", late_levels,
       "share of the fall of the step size within which the finer half of the grid's resolutions is "
-      "switched on, one after the other; 0: all of them from the start",
+      "switched on, one after the other; 0: all of them from the start (grid)",
       at_least(0), at_most(1));
     v("coarse_photos", coarse_photos,
       "share of the fall of the step size within which pixels are means of 4x4, then of 2x2 of the "
@@ -131,7 +132,7 @@ struct TrainOptions {
       at_least(0), at_most(1));
     v("error_guidance", error_guidance,
       "how far pixels are drawn where the photos are not learnt yet: 0 uniformly, 1 by the root of "
-      "the error alone",
+      "the error alone (grid)",
       at_least(0), at_most(1));
     v("shared_colour", shared_colour,
       "light of a pixel that successive samples of one colour, that of their mean features, have "
