@@ -29,8 +29,9 @@ struct KernelBenchOptions {
     v("seconds", seconds, "length of each measurement, whose repetitions' median counts", above(0),
       at_most(3600));
     v("filter", filter, "only kernels whose name contains this", metavar("TEXT"));
-    v("threads", threads, "the most threads, measured beside one; 0 takes all processors",
-      at_least(0), at_most(1024));
+    v("threads", threads,
+      "the most threads, measured beside one and two; 0 takes all processors", at_least(0),
+      at_most(1024));
     v("stream_mb", stream_mb,
       "array that the memory's bandwidth is read from, MB; far larger than the caches", at_least(1),
       at_most(1 << 16));
@@ -77,7 +78,10 @@ std::string figure(double x) {
 class KernelBench {
  public:
   explicit KernelBench(const KernelBenchOptions& options)
-      : options_(options), one_(1), all_(options.threads) {}
+      : options_(options), all_(options.threads) {
+    for (const int threads : {1, 2})
+      if (threads < all_.size()) fewer_.push_back(std::make_unique<ThreadPool>(threads));
+  }
 
   int run() {
     std::vector<KernelCase> cases;
@@ -103,9 +107,11 @@ class KernelBench {
  private:
   void measure_ceilings() {
     const auto add = [&](const std::string& target, Bf16Unit unit) {
-      for (ThreadPool* pool : {&one_, &all_})
-        if (pool == &one_ || pool->size() > 1)
-          settings_.push_back({target, unit, pool, std::make_unique<Ceilings>(*pool, seconds())});
+      const auto with = [&](ThreadPool& pool) {
+        settings_.push_back({target, unit, &pool, std::make_unique<Ceilings>(pool, seconds())});
+      };
+      for (const auto& pool : fewer_) with(*pool);
+      with(all_);
     };
     for (const std::string& target : simd_targets()) add(target, Bf16Unit::kNone);
     for (const Bf16Unit unit : bf16_units()) add(simd_targets().front(), unit);
@@ -150,7 +156,7 @@ class KernelBench {
       use(s);
       const double value = rate(*s.ceilings);
       row += fmt::format(" {} |", figure(value));
-      csv_ += fmt::format("\"ceiling: {}\",{},{},{:.6g},{},,,,\n", name, s.name(), s.pool->size(),
+      csv_ += fmt::format("\"ceiling: {}\",{},{},{:.6g},{},,,,,\n", name, s.name(), s.pool->size(),
                           value, unit);
     }
     std::printf("%s\n", row.c_str());
@@ -173,20 +179,29 @@ class KernelBench {
       const double rate = kernel.work / timing.median;
       const double share = timing.processors / s.pool->size();
       least_share_ = std::min(least_share_, share);
-      row += fmt::format(" {} ({:.0f} %) |", figure(rate * unit.scale), 100 * rate / ceiling);
-      csv_ += fmt::format("\"{}\",{},{},{:.6g},{},{},{:.6g},{:.4g},{:.3g}\n", c.name, s.name(),
+      // Of samples the bytes as well, which kernels of other kinds are measured in.
+      NERF_CHECK((kernel.bytes > 0) == (c.unit == Unit::kSamples));
+      const double gigabytes =
+          1e-9 * (c.unit == Unit::kBytes ? kernel.work : kernel.bytes) / timing.median;
+      row += fmt::format(" {}{} ({:.0f} %) |", figure(rate * unit.scale),
+                         c.unit == Unit::kSamples ? ", " + figure(gigabytes) + " GB/s" : "",
+                         100 * rate / ceiling);
+      csv_ += fmt::format("\"{}\",{},{},{:.6g},{},{},{:.6g},{:.4g},{:.3g},{}\n", c.name, s.name(),
                           s.pool->size(), rate * unit.scale, unit.name, c.bound,
-                          ceiling * unit.scale, rate / ceiling, share);
+                          ceiling * unit.scale, rate / ceiling, share,
+                          c.unit == Unit::kFlops ? "" : fmt::format("{:.6g}", gigabytes));
     }
     std::printf("%s\n", row.c_str());
     std::fflush(stdout);
   }
 
   const KernelBenchOptions& options_;
-  ThreadPool one_, all_;
+  ThreadPool all_;
+  std::vector<std::unique_ptr<ThreadPool>> fewer_;  // of one thread and of two
   std::vector<Setting> settings_;
   double least_share_ = 1;
-  std::string csv_ = "kernel,target,threads,rate,unit,bound,ceiling,fraction,processor_share\n";
+  std::string csv_ =
+      "kernel,target,threads,rate,unit,bound,ceiling,fraction,processor_share,gb_per_second\n";
 };
 
 }  // namespace
@@ -197,11 +212,14 @@ int bench_kernels(int argc, char** argv) {
       "nerf_bench kernels",
       "Throughput of the kernels and the share of what the machine reaches at most.",
       "FLOPs are 2 for each multiply-add of the unpadded layers, three times as many forward and\n"
-      "backward. A kernel's ceiling, named behind its unit, is measured in the same run with the\n"
-      "same instructions and threads. That of the hash grid takes every corner for a random row\n"
-      "of its level's table; neighbouring samples share corners, so more than 100 % can be.\n"
-      "Adam's bytes are read and written, against a ceiling of reading as much memory:\n"
-      "200 % where writing cost no more than reading."};
+      "backward. Bytes are those that a kernel must read and write, from a cache or not: of a\n"
+      "sample of the hash grid its point, its features and eight rows of each level (backward\n"
+      "these are read, written and marked); of gradient roulette what it reads.\n"
+      "A kernel's ceiling, named behind its unit, is measured in the same run with the same\n"
+      "instructions and threads. That of the hash grid takes every corner for a random row of its\n"
+      "level's table; neighbouring samples share corners, so more than 100 % can be. Bytes read\n"
+      "and written stand against a ceiling of reading as much memory: 200 % where writing cost no\n"
+      "more than reading."};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
   log_machine("nerf_bench kernels", ThreadPool(options.threads).size(), Precision::kAuto);
   return KernelBench(options).run();

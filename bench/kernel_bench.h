@@ -54,6 +54,7 @@ class Ceilings {
 // A kernel with its arrays.
 struct KernelRun {
   double work = 0;                           // of one run(), in the case's unit
+  double bytes = 0;                          // of kSamples: that it must read and write
   std::function<double(Ceilings&)> ceiling;  // work per second
   std::function<void(ThreadPool&)> run;
   std::function<void()> prepare = [] {};

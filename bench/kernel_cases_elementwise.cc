@@ -6,6 +6,7 @@
 #include "nerf/kernels/bf16.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/encoding.h"
+#include "nerf/kernels/linear.h"
 #include "nerf/model/grid_field.h"
 
 namespace nerf::apps {
@@ -13,11 +14,15 @@ namespace {
 
 constexpr int64_t kChunks = 1 << 10;
 
+constexpr int64_t kRows = 16;  // of a chunk's features that are transposed
+
 struct ElementwiseArrays {
+  ElementwiseArrays() { relu_forward(kChunkSamples, a.data(), rectified.data()); }
   AlignedArray<Real> a = noise(kChunkSamples, 1), b = noise(kChunkSamples, 2);
   AlignedArray<Real> c = noise(kChunkSamples, 3), d = noise(kChunkSamples, 4);
-  AlignedArray<Real> variance{kChunkSamples};
-  AlignedArray<Real> out{kChunkSamples}, out2{kChunkSamples};
+  AlignedArray<Real> rows = noise(kRows * kChunkSamples, 5);
+  AlignedArray<Real> variance{kChunkSamples}, rectified{kChunkSamples};
+  AlignedArray<Real> out{kChunkSamples}, out2{kChunkSamples}, turned{kRows * kChunkSamples};
   AlignedArray<float> wide{kChunkSamples};
   AlignedArray<uint16_t> narrow{kChunkSamples};
 };
@@ -56,6 +61,12 @@ std::vector<KernelCase> elementwise_cases() {
       elementwise("softplus backward", 3,
                   [](A& a) { softplus_backward(n, -1, a.a.data(), a.b.data(), a.out.data()); }),
       elementwise("ReLU forward", 2, [](A& a) { relu_forward(n, a.a.data(), a.out.data()); }),
+      elementwise("ReLU backward", 3,
+                  [](A& a) { relu_backward(1, a.rectified.data(), a.b.data(), n, n); }),
+      elementwise("transpose, 16 rows", 2 * kRows,
+                  [](A& a) {
+                    transpose(n, kRows, a.rows.data(), n, a.turned.data(), kRows);
+                  }),
       elementwise("sine and cosine forward, damped", 4,
                   [](A& a) {
                     sine_cosine_forward(n, a.a.data(), a.variance.data(), 64, 1, a.out.data(),

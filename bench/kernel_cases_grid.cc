@@ -74,14 +74,23 @@ class Grid {
   }
 
   // Samples per second if every corner were a random row of its level's table.
-  static double ceiling(Ceilings& c, const HashGridShape& shape) {
+  double ceiling(Ceilings& c) const {
     double seconds = 0;
-    for (const HashGridLevel& level : shape.levels)
-      seconds +=
-          8 / c.random_rows(static_cast<uint64_t>(level.features) * level.entries * sizeof(Real));
+    for (const HashGridLevel& level : shape_.levels)
+      seconds += 8 / c.random_rows(static_cast<uint64_t>(level.entries * row_bytes(level)));
     return 1 / seconds;
   }
-  const HashGridShape& shape() const { return shape_; }
+  // Of a sample, at each level: a point, its features or their gradient, and eight rows, which are
+  // read; backward they are written too, and marked.
+  double bytes() const {
+    double sum = 0;
+    for (const HashGridLevel& level : shape_.levels) {
+      const double row = static_cast<double>(row_bytes(level));
+      sum += static_cast<double>(3 + level.features) * sizeof(Real) +
+             8 * (gradient_.size() > 0 ? 2 * row + sizeof(uint8_t) : row);
+    }
+    return sum;
+  }
   int64_t samples() const { return chunks_ * kChunkSamples; }
 
  private:
@@ -103,6 +112,11 @@ class Grid {
       }
     }
   }
+  // Of the table that is looked up, or of its gradient.
+  size_t row_bytes(const HashGridLevel& level) const {
+    return static_cast<size_t>(level.features) *
+           (half_.size() > 0 ? sizeof(uint16_t) : sizeof(Real));
+  }
   int64_t levels() const { return static_cast<int64_t>(shape_.levels.size()); }
   static int64_t at(int64_t chunk) { return chunk * kChunkSamples; }
   Real* features(int64_t chunk, int64_t level) {
@@ -122,8 +136,42 @@ KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward, 
   auto grid = std::make_shared<Grid>(shape, log2_samples, backward, half);
   KernelRun run;
   run.work = static_cast<double>(grid->samples());
-  run.ceiling = [grid](Ceilings& c) { return Grid::ceiling(c, grid->shape()); };
+  run.bytes = run.work * grid->bytes();
+  run.ceiling = [grid](Ceilings& c) { return grid->ceiling(c); };
   run.run = [=](ThreadPool& pool) { backward ? grid->backward(pool) : grid->forward(pool); };
+  return run;
+}
+
+// The marks of the default grid's rows, of which every fourth (at random) is set, listed level by
+// level as in a training step: a mark is read, and where it is set it is cleared and the row listed.
+struct MarkedRows {
+  MarkedRows() : shape(shape_of(GridOptions().log2_entries)), pattern(shape.rows) {
+    Random random(7, 9, 0);
+    for (uint8_t& mark : pattern) mark = random.below(4) == 0;
+    marks = AlignedArray<uint8_t>(pattern.size());
+    list = AlignedArray<uint32_t>(pattern.size());
+  }
+  void run(ThreadPool& pool) {
+    pool.parallel_for(static_cast<int64_t>(shape.levels.size()), [&](int64_t l) {
+      const HashGridLevel& level = shape.levels[static_cast<size_t>(l)];
+      list_rows(level.entries, marks.data() + level.offset, list.data() + level.offset);
+    });
+  }
+  HashGridShape shape;
+  std::vector<uint8_t> pattern;
+  AlignedArray<uint8_t> marks;
+  AlignedArray<uint32_t> list;
+};
+
+KernelRun list_rows_run() {
+  auto rows = std::make_shared<MarkedRows>();
+  const size_t set = static_cast<size_t>(std::ranges::count(rows->pattern, uint8_t{1}));
+  const uint64_t listed = rows->pattern.size() + set * sizeof(uint32_t);
+  KernelRun run;
+  run.work = static_cast<double>(listed + set);
+  run.ceiling = [listed](Ceilings& c) { return c.read(listed); };
+  run.prepare = [rows] { std::ranges::copy(rows->pattern, rows->marks.begin()); };
+  run.run = [rows](ThreadPool& pool) { rows->run(pool); };
   return run;
 }
 
@@ -214,6 +262,8 @@ std::vector<KernelCase> grid_cases() {
   // The setting of Mueller et al. 2022, with small tables and large.
   for (int log2_entries : {15, 17, 19})
     add(hash_grid_shape(16, log2_entries, 16, 2048, 2), log2_entries, 18);
+  cases.push_back({"list of rows, a quarter marked", Unit::kBytes, kBoundRead,
+                   [](int) { return list_rows_run(); }});
   cases.push_back({"Adam rows, all with a gradient", Unit::kBytes, kBoundRead,
                    [](int) { return adam_rows_run(1); }});
   cases.push_back({"Adam rows, a quarter with a gradient", Unit::kBytes, kBoundRead,

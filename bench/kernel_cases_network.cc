@@ -91,6 +91,21 @@ KernelRun layer_run(int in, int out, int threads, Precision precision, LayerKern
 // trainers go; or forward over the whole batch, whose values wait in memory, and then backward.
 enum class Passes { kForward, kByChunk, kWholeBatch };
 
+// The layers of a network, one behind the other, and so their packs.
+std::vector<LinearWeights> layers_of(const std::vector<int>& widths) {
+  std::vector<LinearWeights> layers;
+  size_t size = 0;
+  for (size_t l = 0; l + 1 < widths.size(); ++l) {
+    const LinearWeights w{size, widths[l], widths[l + 1]};
+    size += w.size();
+    layers.push_back(w);
+  }
+  std::vector<LinearWeights*> placed;
+  for (LinearWeights& w : layers) placed.push_back(&w);
+  place_packs(placed);
+  return layers;
+}
+
 // ReLU layers with a linear last one, on a tape as the model records it.
 class Network {
  public:
@@ -101,16 +116,9 @@ class Network {
         backward_(passes != Passes::kForward),
         precision_(precision),
         chunk_samples_(chunk_samples(widths)),
-        tape_(chunk_samples_, kLane) {
-    size_t size = 0;
-    for (size_t l = 0; l + 1 < widths.size(); ++l) {
-      const LinearWeights w{size, widths[l], widths[l + 1]};
-      size += w.size();
-      layers_.push_back(w);
-    }
-    std::vector<LinearWeights*> placed;
-    for (LinearWeights& w : layers_) placed.push_back(&w);
-    place_packs(placed);
+        tape_(chunk_samples_, kLane),
+        layers_(layers_of(widths)) {
+    const size_t size = layers_.back().offset + layers_.back().size();
     input_ = tape_.input(widths.front(), Domain::kSamples, backward_);
     output_ = mlp(tape_, input_, layers_);
     tape_.plan();
@@ -217,6 +225,48 @@ KernelRun network_run(const std::vector<int>& widths, int64_t samples, Passes pa
   return run;
 }
 
+// The weights of a network that is to be multiplied by, packed anew as after each step of training;
+// in f32 those of its wide layers. They are read, and the packs written with their padding.
+struct PackedNetwork {
+  explicit PackedNetwork(const std::vector<int>& widths) : layers(layers_of(widths)) {
+    weights = noise(layers.back().offset + layers.back().size(), 1);
+  }
+  double bytes(Precision precision) const {
+    const bool bf16 = precision == Precision::kBf16;
+    double sum = 0;
+    for (const LinearWeights& w : layers) {
+      const int64_t pack =
+          bf16 ? packed_layer_size(w.in, w.out) : linear_pack_size(w.in, w.out);
+      if (pack > 0)
+        sum += static_cast<double>(w.parameters()) * sizeof(Real) +
+               static_cast<double>(pack) * (bf16 ? sizeof(uint16_t) : sizeof(Real));
+    }
+    return sum;
+  }
+  std::vector<LinearWeights> layers;
+  AlignedArray<Real> weights;
+  LayerPacks packs;
+};
+
+KernelRun packing_run(const std::vector<int>& widths, Precision precision) {
+  auto network = std::make_shared<PackedNetwork>(widths);
+  KernelRun run;
+  run.work = network->bytes(precision);
+  run.ceiling = [bytes = static_cast<uint64_t>(run.work)](Ceilings& c) { return c.read(bytes); };
+  run.run = [=](ThreadPool& pool) {
+    pack_layers(network->layers, network->weights.data(), precision, network->packs, pool);
+  };
+  return run;
+}
+
+KernelCase packing_case(const char* name, const std::vector<int>& widths) {
+  KernelCase packing{fmt::format("weight packing {}", name), Unit::kBytes, kBoundRead, {}, {}};
+  if (PackedNetwork(widths).bytes(Precision::kF32) > 0)
+    packing.make = [=](int) { return packing_run(widths, Precision::kF32); };
+  packing.make_bf16 = [=](int) { return packing_run(widths, Precision::kBf16); };
+  return packing;
+}
+
 }  // namespace
 
 std::vector<KernelCase> network_cases() {
@@ -265,6 +315,10 @@ std::vector<KernelCase> network_cases() {
       cases.push_back({fmt::format("MLP {} {}, 2^{} samples", n.name, p.name, n.log2_samples),
                        Unit::kFlops, kBoundFma, make(Precision::kF32), make(Precision::kBf16)});
     }
+  for (const auto& n : networks)
+    if (KernelCase packing = packing_case(n.name, n.widths);
+        packing.make || !bf16_units().empty())
+      cases.push_back(std::move(packing));
   return cases;
 }
 

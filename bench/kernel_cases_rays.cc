@@ -18,6 +18,12 @@ namespace {
 
 constexpr int64_t kChunks = 1 << 10;
 
+// Each sample of the run's work moves so many bytes, of arrays that stay in a thread's cache.
+void move_through_cache(KernelRun& run, double bytes) {
+  run.bytes = run.work * bytes;
+  run.ceiling = [bytes](Ceilings& c) { return c.cached() / bytes; };
+}
+
 // How the light of a ray is composited: by one operation, or by its two halves.
 enum class Light { kComposite, kWeightsFirst };
 
@@ -71,8 +77,7 @@ KernelRun compositing_run(int threads, Light light) {
   KernelRun run;
   run.work = static_cast<double>(kChunks * kChunkSamples);
   // Forward density, length and three colours in, a weight out; backward those six in, four out.
-  constexpr double kBytes = (6 + 10) * sizeof(Real);
-  run.ceiling = [](Ceilings& c) { return c.cached() / kBytes; };
+  move_through_cache(run, (6 + 10) * sizeof(Real));
   run.run = [compositing](ThreadPool& pool) { compositing->run(pool); };
   return run;
 }
@@ -103,9 +108,7 @@ KernelCase resampling(const char* name, const IntervalOptions& o) {
             constexpr int64_t kRays = 1 << 12;
             KernelRun run;
             run.work = static_cast<double>(kRays * drawn);
-            run.ceiling = [=](Ceilings& c) {
-              return c.cached() * drawn / static_cast<double>((read + drawn) * sizeof(Real));
-            };
+            move_through_cache(run, static_cast<double>((read + drawn) * sizeof(Real)) / drawn);
             run.run = [=](ThreadPool& pool) {
               pool.parallel_for_thread(kRays, [&](int64_t ray, int thread) {
                 DrawnRay& own = (*all)[static_cast<size_t>(thread)];
@@ -125,9 +128,7 @@ KernelRun harmonics_run(int threads) {
   auto all = std::make_shared<std::vector<Own>>(static_cast<size_t>(threads));
   KernelRun run;
   run.work = static_cast<double>(kChunks * kChunkSamples);
-  run.ceiling = [](Ceilings& c) {
-    return c.cached() / static_cast<double>((3 + kSphericalHarmonics) * sizeof(Real));
-  };
+  move_through_cache(run, (3 + kSphericalHarmonics) * sizeof(Real));
   run.run = [=](ThreadPool& pool) {
     pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
       Own& own = (*all)[static_cast<size_t>(thread)];
@@ -154,9 +155,7 @@ KernelRun group_run(int threads) {
   KernelRun run;
   run.work = static_cast<double>(kChunks * kChunkSamples);
   // Rows are read twice and written once by samples, the same by groups.
-  run.ceiling = [](Ceilings& c) {
-    return c.cached() / static_cast<double>(3 * kRows * sizeof(Real)) * kPerGroup / (kPerGroup + 1);
-  };
+  move_through_cache(run, 3.0 * kRows * sizeof(Real) * (kPerGroup + 1) / kPerGroup);
   run.run = [=](ThreadPool& pool) {
     pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
       Own& own = (*all)[static_cast<size_t>(thread)];
@@ -189,7 +188,7 @@ KernelRun roulette_run(int threads) {
   KernelRun run;
   run.work = static_cast<double>(kChunks * kChunkSamples);
   // The gradient is read twice and the values once; what is written of them is counted as nothing.
-  run.ceiling = [](Ceilings& c) { return c.cached() / ((2 * kRows + kValues) * sizeof(Real)); };
+  move_through_cache(run, (2 * kRows + kValues) * sizeof(Real));
   run.run = [=](ThreadPool& pool) {
     pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
       Own& own = (*all)[static_cast<size_t>(thread)];

@@ -2,10 +2,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
+#include <regex>
 #include <set>
 
 #include "blender_scene.h"
 #include "csv.h"
+#include "nerf/kernels/bf16.h"
+#include "nerf/kernels/simd.h"
 #include "run_program.h"
 
 namespace nerf {
@@ -138,11 +142,12 @@ TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
     const std::vector<std::string> lines = lines_of(testing_apps::read_text(csv));
     std::set<std::string> names;
     EXPECT_EQ(lines.empty() ? "" : lines[0],
-              "kernel,target,threads,rate,unit,bound,ceiling,fraction,processor_share");
+              "kernel,target,threads,rate,unit,bound,ceiling,fraction,processor_share,"
+              "gb_per_second");
     for (size_t i = 1; i < lines.size(); ++i) {
       const std::vector<std::string> fields = fields_of(lines[i]);
-      EXPECT_EQ(fields.size(), 9u) << lines[i];
-      if (fields.size() != 9) continue;
+      EXPECT_EQ(fields.size(), 10u) << lines[i];
+      if (fields.size() != 10) continue;
       EXPECT_GT(std::stod(fields[3]), 0) << lines[i];
       if (fields[0].rfind("ceiling: ", 0) == 0) continue;
       EXPECT_NE(fields[0].find(filter), std::string::npos) << lines[i];
@@ -163,9 +168,94 @@ TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
                                    "hash grid 16x2 forward in 16 bits, 2^15 entries, 2^18 samples",
                                    "hash grid 16x2 backward, 2^15 entries, 2^18 samples"}));
   EXPECT_EQ(measured("Adam dense").size(), 1u);
+  for (const char* kernel : {"list of rows", "ReLU backward", "transpose"})
+    EXPECT_EQ(measured(kernel).size(), 1u) << kernel;
+  // In f32 wide layers alone are packed, and none in double.
+  if (sizeof(Real) == sizeof(float)) {
+    EXPECT_EQ(measured("weight packing 63-256x8-4").size(), 1u);
+  }
+  if (!bf16_units().empty()) {
+    EXPECT_EQ(measured("weight packing 32-64-64-16").size(), 1u);
+  }
   EXPECT_EQ(measured("compositing").size(), 1u);
   expect_refused(run_program(NERF_BENCH_PROGRAM, {"kernels", "--filter", "nothing of this name"}),
                  "nerf_bench", {"--filter", "nothing of this name"});
+}
+
+// A printed table's lines, by their first cell, cut into the others.
+std::map<std::string, std::vector<std::string>> table_of(const std::string& out) {
+  std::map<std::string, std::vector<std::string>> table;
+  for (const std::string& line : lines_of(out)) {
+    if (line.rfind("| ", 0) != 0) continue;
+    std::vector<std::string> cells;
+    for (size_t at = 1, end; (end = line.find('|', at)) != std::string::npos; at = end + 1) {
+      const std::string cell = line.substr(at, end - at);
+      const size_t first = cell.find_first_not_of(' ');
+      cells.push_back(first == std::string::npos
+                          ? ""
+                          : cell.substr(first, cell.find_last_not_of(' ') + 1 - first));
+    }
+    table[cells[0]] = {cells.begin() + 1, cells.end()};
+  }
+  return table;
+}
+
+// Of each column its target and threads; those of bf16 units come last.
+std::vector<std::string> columns_of(const std::vector<int>& threads, size_t& of_f32) {
+  std::vector<std::string> names = simd_targets(), columns = {"unit"};
+  of_f32 = names.size() * threads.size();
+  for (const Bf16Unit unit : bf16_units()) names.push_back(bf16_unit_name(unit));
+  for (const std::string& name : names)
+    for (const int n : threads)
+      columns.push_back(name + ", " + std::to_string(n) + (n == 1 ? " thread" : " threads"));
+  return columns;
+}
+
+TEST(NerfBench, KernelsHaveUnitShareAndAColumnForEachTargetAndThreads) {
+  TempFolder folder;
+  const fs::path csv = folder.path() / "kernels.csv";
+  size_t of_f32 = 0;
+  const auto row_of = [&](const std::string& kernel, int threads,
+                          const std::vector<int>& columns) -> std::vector<std::string> {
+    const ProgramResult result = run_program(
+        NERF_BENCH_PROGRAM, {"kernels", "--seconds", "1e-4", "--threads", std::to_string(threads),
+                             "--stream-mb", "4", "--filter", kernel, "--csv", csv});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    auto table = table_of(result.out);
+    const std::vector<std::string> expected = columns_of(columns, of_f32);
+    EXPECT_EQ(table["kernel"], expected);
+    EXPECT_EQ(table["ceiling"], expected);
+    EXPECT_TRUE(table.contains(kernel)) << result.out;
+    table[kernel].resize(expected.size());
+    return table[kernel];
+  };
+  const std::regex flops(R"(\d+(\.\d+)? \(\d+ %\))");
+  const std::regex samples(R"(\d+(\.\d+)?, \d+(\.\d+)? GB/s \(\d+ %\))");
+
+  const std::vector<std::string> mlp = row_of("MLP 32-64-64-16 forward, 2^18 samples", 2, {1, 2});
+  EXPECT_EQ(mlp[0], "GFLOP/s, FMA");
+  for (size_t i = 1; i < mlp.size(); ++i) EXPECT_TRUE(std::regex_match(mlp[i], flops)) << mlp[i];
+
+  const auto grid = [&](const std::string& pass, int threads, const std::vector<int>& columns) {
+    return row_of("hash grid 10x4 " + pass + ", 2^15 entries, 2^16 samples", threads, columns);
+  };
+  // Bytes of a sample: at each of ten levels a point, four features and eight rows of as many.
+  const auto expect_grid = [&](const std::vector<std::string>& row, double row_bytes) {
+    EXPECT_EQ(row[0], "M samples/s, random rows");
+    for (size_t i = 1; i < row.size(); ++i)
+      EXPECT_TRUE(i <= of_f32 ? std::regex_match(row[i], samples) : row[i].empty()) << row[i];
+    const double bytes = 10 * ((3 + 4) * sizeof(Real) + 8 * row_bytes);
+    for (const auto& measured : testing_apps::csv_rows(testing_apps::read_text(csv))) {
+      if (measured.at("unit") != "M samples/s") continue;
+      const double rate = std::stod(measured.at("rate"));
+      EXPECT_NEAR(std::stod(measured.at("gb_per_second")) / (1e-3 * bytes * rate), 1, 1e-4);
+      EXPECT_NEAR(rate / std::stod(measured.at("ceiling")), std::stod(measured.at("fraction")),
+                  1e-3 * std::stod(measured.at("fraction")));
+    }
+  };
+  expect_grid(grid("forward", 1, {1}), 4 * sizeof(Real));
+  expect_grid(grid("forward in 16 bits", 3, {1, 2, 3}), 4 * sizeof(uint16_t));
+  expect_grid(grid("backward", 2, {1, 2}), 2 * 4 * sizeof(Real) + 1);
 }
 
 TEST(NerfBench, SaysItsVersion) {
