@@ -16,7 +16,7 @@ namespace nerf {
 // [in x n] -> [out x n]: act(W x + b).
 Value linear(Tape& tape, Value x, const LinearWeights& w, LinearActivation activation);
 
-// ReLU layers with a linear last one (a fused MLP of tiny-cuda-nn's kind).
+// ReLU layers with a linear last one: one operation for each layer, as linear() records it.
 Value mlp(Tape& tape, Value x, std::span<const LinearWeights> layers);
 
 // Rows of a above rows of b.
