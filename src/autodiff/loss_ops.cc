@@ -30,7 +30,11 @@ struct Charbonnier {
   static constexpr const char* kName = "charbonnier_loss";
   Real epsilon;
   Real value(Real e) const { return std::sqrt(e * e + epsilon * epsilon); }
-  Real slope(Real e) const { return e / value(e); }
+  // 0 where both squares are below the smallest number, as of an error of 0 and a tiny epsilon.
+  Real slope(Real e) const {
+    const Real v = value(e);
+    return v > 0 ? e / v : 0;
+  }
 };
 
 // Sum over the colour channels of f(pixel - target), times the ray's scale.
