@@ -1,7 +1,9 @@
 // The reference templates as functions of whole values, column by column, for gradient_check.h.
 #pragma once
 
+#include <array>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "autodiff/gradient_check.h"
@@ -9,7 +11,9 @@
 #include "nerf/math/reference/encoding.h"
 #include "nerf/math/reference/huber.h"
 #include "nerf/math/reference/linear.h"
+#include "nerf/math/reference/pixel_losses.h"
 #include "nerf/math/reference/spherical_harmonics.h"
+#include "nerf/math/reference/values.h"
 #include "nerf/math/reference/volume_rendering.h"
 
 namespace nerf::on_columns {
@@ -53,23 +57,33 @@ Columns<T> mlp(Columns<T> x, const std::vector<T>& weights,
   return x;
 }
 
-template <class T>
-Columns<T> concat(Columns<T> a, const Columns<T>& b) {
-  for (size_t s = 0; s < a.size(); ++s) a[s].insert(a[s].end(), b[s].begin(), b[s].end());
-  return a;
+// f of the columns of both.
+template <class T, class F>
+Columns<T> each_pair(const Columns<T>& a, const Columns<T>& b, const F& f) {
+  Columns<T> y;
+  for (size_t s = 0; s < a.size(); ++s) y.push_back(f(a[s], b[s]));
+  return y;
 }
 
 template <class T>
-Columns<T> add(Columns<T> a, const Columns<T>& b) {
-  for (size_t s = 0; s < a.size(); ++s)
-    for (size_t r = 0; r < a[s].size(); ++r) a[s][r] += b[s][r];
-  return a;
+Columns<T> concat(const Columns<T>& a, const Columns<T>& b) {
+  return each_pair(a, b, [](const auto& x, const auto& y) { return reference::concat(x, y); });
+}
+
+template <class T>
+Columns<T> add(const Columns<T>& a, const Columns<T>& b) {
+  return each_pair(a, b, [](const auto& x, const auto& y) { return reference::add(x, y); });
+}
+
+template <class T>
+Columns<T> multiply(const Columns<T>& a, const Columns<T>& b) {
+  return each_pair(a, b, [](const auto& x, const auto& y) { return reference::multiply(x, y); });
 }
 
 template <class T>
 Columns<T> slice(const Columns<T>& x, int first, int rows) {
   return each(x, [&](const std::vector<T>& c) {
-    return std::vector<T>(c.begin() + first, c.begin() + first + rows);
+    return reference::slice(c, static_cast<size_t>(first), static_cast<size_t>(rows));
   });
 }
 
@@ -102,7 +116,7 @@ Columns<T> relu(const Columns<T>& x) {
 
 template <class T>
 Columns<T> scale_shift(const Columns<T>& x, double factor, double shift) {
-  return each_element(x, [&](T v) { return T(factor) * v + T(shift); });
+  return each(x, [&](const auto& c) { return reference::scale_shift(c, factor, shift); });
 }
 
 template <class T>
@@ -115,10 +129,9 @@ Columns<T> frequency_encoding(const Columns<T>& x, const std::vector<double>& we
 
 template <class T>
 Columns<T> integrated_encoding(const Columns<T>& mean, const Columns<T>& variance, int degrees) {
-  Columns<T> y;
-  for (size_t s = 0; s < mean.size(); ++s)
-    y.push_back(reference::integrated_encoding(mean[s], variance[s], degrees));
-  return y;
+  return each_pair(mean, variance, [&](const auto& x, const auto& v) {
+    return reference::integrated_encoding(x, v, degrees);
+  });
 }
 
 template <class T>
@@ -132,14 +145,10 @@ Columns<T> repeat_for_samples(const Columns<T>& x, const Rays& rays) {
 template <class T>
 Columns<T> table_rows(const Columns<T>& index, const std::vector<T>& weights,
                       const LinearWeights& w) {
+  const std::vector<T> table(weights.begin() + static_cast<ptrdiff_t>(w.offset), weights.end());
   return each(index, [&](const std::vector<T>& c) {
-    using reference::real_part;
-    const int row = static_cast<int>(std::floor(real_part(c[0])));
-    std::vector<T> out;
-    for (int k = 0; k < w.in; ++k)
-      out.push_back(
-          row < 0 ? T(0) : weights[w.offset + static_cast<size_t>(row * weight_stride(w.in) + k)]);
-    return out;
+    return reference::table_row(table, static_cast<size_t>(w.in),
+                                static_cast<size_t>(weight_stride(w.in)), c[0]);
   });
 }
 
@@ -163,6 +172,26 @@ Columns<T> view_code_of_rays(const Columns<T>& directions) {
   });
 }
 
+// One-row values of a ray's samples, and three-row values.
+template <class T>
+std::vector<T> of_ray(const Columns<T>& x, const Rays& rays, size_t r) {
+  std::vector<T> out;
+  for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s)
+    out.push_back(x[s][0]);
+  return out;
+}
+template <class T>
+std::array<T, 3> colour_of(const std::vector<T>& column) {
+  return {column[0], column[1], column[2]};
+}
+template <class T>
+std::vector<std::array<T, 3>> colours_of_ray(const Columns<T>& x, const Rays& rays, size_t r) {
+  std::vector<std::array<T, 3>> out;
+  for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s)
+    out.push_back(colour_of(x[s]));
+  return out;
+}
+
 // Pixels, and the weights of all samples.
 template <class T>
 std::pair<Columns<T>, Columns<T>> composite(const Columns<T>& density, const Columns<T>& colour,
@@ -170,15 +199,9 @@ std::pair<Columns<T>, Columns<T>> composite(const Columns<T>& density, const Col
                                             const Rays& rays) {
   std::pair<Columns<T>, Columns<T>> out;
   for (size_t r = 0; r + 1 < rays.size(); ++r) {
-    std::vector<T> sigma, length;
-    std::vector<std::array<T, 3>> c;
-    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
-      sigma.push_back(density[s][0]);
-      length.push_back(delta[s][0]);
-      c.push_back({colour[s][0], colour[s][1], colour[s][2]});
-    }
-    const auto& b = background[r];
-    const auto ray = reference::composite<T>(sigma, c, length, {b[0], b[1], b[2]});
+    const auto ray =
+        reference::composite<T>(of_ray(density, rays, r), colours_of_ray(colour, rays, r),
+                                of_ray(delta, rays, r), colour_of(background[r]));
     out.first.emplace_back(ray.pixel.begin(), ray.pixel.end());
     for (const T& w : ray.weights) out.second.push_back({w});
   }
@@ -189,14 +212,10 @@ template <class T>
 Columns<T> render_weights(const Columns<T>& density, const Columns<T>& delta, const Rays& rays,
                           bool opaque_end) {
   Columns<T> out;
-  for (size_t r = 0; r + 1 < rays.size(); ++r) {
-    std::vector<T> sigma, length;
-    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
-      sigma.push_back(density[s][0]);
-      length.push_back(delta[s][0]);
-    }
-    for (const T& w : reference::render_weights(sigma, length, opaque_end)) out.push_back({w});
-  }
+  for (size_t r = 0; r + 1 < rays.size(); ++r)
+    for (const T& w :
+         reference::render_weights(of_ray(density, rays, r), of_ray(delta, rays, r), opaque_end))
+      out.push_back({w});
   return out;
 }
 
@@ -205,13 +224,9 @@ Columns<T> accumulate(const Columns<T>& weights, const Columns<T>& colour,
                       const Columns<T>& background, const Rays& rays) {
   Columns<T> out;
   for (size_t r = 0; r + 1 < rays.size(); ++r) {
-    std::vector<T> pixel(4);
-    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
-      for (size_t k = 0; k < 3; ++k) pixel[k] += weights[s][0] * colour[s][k];
-      pixel[3] += weights[s][0];
-    }
-    for (size_t k = 0; k < 3; ++k) pixel[k] += (T(1) - pixel[3]) * background[r][k];
-    out.push_back(pixel);
+    const auto pixel = reference::accumulate(
+        of_ray(weights, rays, r), colours_of_ray(colour, rays, r), colour_of(background[r]));
+    out.emplace_back(pixel.begin(), pixel.end());
   }
   return out;
 }
@@ -221,14 +236,9 @@ template <class T>
 Columns<T> sum_along_rays(const Columns<T>& weights, const Columns<T>& x, const Rays& rays,
                           size_t rows) {
   Columns<T> out;
-  for (size_t r = 0; r + 1 < rays.size(); ++r) {
-    std::vector<T> sum(rows + 1);
-    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s) {
-      for (size_t k = 0; k < rows; ++k) sum[k] += weights[s][0] * x[s][k];
-      sum[rows] += weights[s][0];
-    }
-    out.push_back(sum);
-  }
+  for (size_t r = 0; r + 1 < rays.size(); ++r)
+    out.push_back(reference::sum_along_ray(
+        of_ray(weights, rays, r), Columns<T>(x.begin() + rays[r], x.begin() + rays[r + 1]), rows));
   return out;
 }
 
@@ -289,12 +299,9 @@ template <class T>
 Columns<T> over(const Columns<T>& colour, const Columns<T>& opacity, const Columns<T>& background) {
   Columns<T> out;
   for (size_t r = 0; r < colour.size(); ++r) {
-    const T a = opacity[r][0];
-    std::vector<T> pixel;
-    for (size_t k = 0; k < 3; ++k)
-      pixel.push_back(a * colour[r][k] + (T(1) - a) * background[r][k]);
-    pixel.push_back(a);
-    out.push_back(pixel);
+    const auto pixel =
+        reference::over(colour_of(colour[r]), opacity[r][0], colour_of(background[r]));
+    out.emplace_back(pixel.begin(), pixel.end());
   }
   return out;
 }
@@ -305,9 +312,9 @@ Columns<T> pixel_loss(const Columns<T>& pixel, const Columns<T>& target, const C
                       const F& f) {
   Columns<T> out;
   for (size_t r = 0; r < pixel.size(); ++r) {
-    T sum(0);
-    for (size_t k = 0; k < 3; ++k) sum += f(pixel[r][k] - target[r][k]);
-    out.push_back({sum * scale[r][0]});
+    const auto& p = pixel[r];
+    out.push_back(
+        {reference::pixel_loss<T>({p[0], p[1], p[2], p[3]}, colour_of(target[r]), scale[r][0], f)});
   }
   return out;
 }
@@ -316,6 +323,16 @@ template <class T>
 Columns<T> huber_loss(const Columns<T>& pixel, const Columns<T>& target, const Columns<T>& scale,
                       double delta) {
   return pixel_loss(pixel, target, scale, [&](T e) { return reference::huber(e, delta); });
+}
+template <class T>
+Columns<T> squared_loss(const Columns<T>& pixel, const Columns<T>& target,
+                        const Columns<T>& scale) {
+  return pixel_loss(pixel, target, scale, [](T e) { return reference::squared(e); });
+}
+template <class T>
+Columns<T> charbonnier_loss(const Columns<T>& pixel, const Columns<T>& target,
+                            const Columns<T>& scale, double epsilon) {
+  return pixel_loss(pixel, target, scale, [&](T e) { return reference::charbonnier(e, epsilon); });
 }
 
 }  // namespace nerf::on_columns

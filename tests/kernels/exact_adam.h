@@ -21,7 +21,7 @@ struct ExactStep {
     const reference::AdamOptions o = exact_options(options);
     m = m0, v = v0, w = w0;
     reference::adam(o, step, g, m, v, w);
-    const double total = g + o.l2 * w0, t = static_cast<double>(step);
+    const double total = reference::counted_gradient(g + o.l2 * w0), t = static_cast<double>(step);
     const double total_error = kRoundoff * std::fabs(total);
     m_error = (1 - o.beta1) * total_error + kRoundoff * (std::fabs(o.beta1 * m0) + std::fabs(m));
     v_error = (1 - o.beta2) * std::fabs(total) * (2 * total_error + kRoundoff * std::fabs(total)) +

@@ -9,6 +9,7 @@
 
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
+#include "nerf/math/reference/roulette.h"
 
 namespace nerf {
 namespace {
@@ -53,8 +54,7 @@ TEST(Roulette, NormsAreSumsOfMagnitudes) {
         column_norms(rows, n, x.data.data(), x.ld, norms.data.data());
         norms.expect_untouched_beyond_padding();
         for (int64_t i = 0; i < n; ++i) {
-          double want = 0;
-          for (const double v : x.column(i)) want += std::fabs(v);
+          const double want = reference::column_norm(x.column(i));
           worst.compare(norms.at(0, i), want, rows * kRoundoff * want, "column", i, "of", n);
         }
       });
@@ -108,6 +108,25 @@ TEST(Roulette, KeepsWhatIsLargeAndOfTheRestWhatTheyAddUpTo) {
         }
         EXPECT_EQ(draw.kept.size() - kept_small, large);
         EXPECT_LT(std::fabs(static_cast<double>(kept_small) - small), 1);
+      }
+}
+
+// The same columns and factors as the template's, whose sums are in double too.
+TEST(Roulette, DrawsAreTheTemplates) {
+  for (const size_t n : {0, 1, 16, 17, 240, 3000})
+    for (const Real least : {0.0_r, 1e-6_r, 0.5_r, 1.0_r, 4.0_r, 1e30_r})
+      for (const double offset : {0.0, 0.3, 0.999}) {
+        SCOPED_TRACE("n " + std::to_string(n) + " least " + std::to_string(least));
+        const std::vector<Real> norms = some_norms(n);
+        const std::vector<double> exact(norms.begin(), norms.end());
+        const Draw draw(norms, least, offset);
+        const auto want = reference::kept_columns(exact, static_cast<double>(least), offset);
+        const double bound = reference::roulette_bound(exact, static_cast<double>(least));
+        ASSERT_EQ(draw.kept.size(), want.size());
+        for (size_t j = 0; j < want.size(); ++j) {
+          ASSERT_EQ(static_cast<size_t>(draw.kept[j]), want[j]);
+          ASSERT_EQ(draw.factor[j], static_cast<Real>(reference::factor(exact[want[j]], bound)));
+        }
       }
 }
 

@@ -15,6 +15,7 @@
 #include "nerf/math/reference/hash_grid.h"
 #include "nerf/math/reference/huber.h"
 #include "nerf/math/reference/linear.h"
+#include "nerf/math/reference/pixel_losses.h"
 #include "nerf/math/reference/spherical_harmonics.h"
 #include "nerf/math/reference/volume_rendering.h"
 
@@ -87,6 +88,49 @@ TEST(Reference, HuberIsContinuousAndHasItsSlope) {
 }
 
 // loss = sum_j c_j y_j of a layer of 5 inputs and 4 outputs.
+TEST(Reference, PixelLossesHaveTheirSlopes) {
+  for (const double e : {-3.0, -1e-4, 0.0, 1e-9, 0.2, 50.0}) {
+    EXPECT_DOUBLE_EQ(ref::squared(Complex(e, kComplexStep)).imag() / kComplexStep,
+                     ref::squared_slope(e));
+    for (const double epsilon : {1e-3, 0.5}) {
+      const Complex y = ref::charbonnier(Complex(e, kComplexStep), epsilon);
+      EXPECT_DOUBLE_EQ(y.real(), std::hypot(e, epsilon));
+      EXPECT_NEAR(y.imag() / kComplexStep, ref::charbonnier_slope(e, epsilon), kExact);
+    }
+  }
+  EXPECT_EQ(ref::charbonnier_slope(0.0, 0.0), 0);
+  const auto f = [](double e) { return ref::squared(e); };
+  EXPECT_DOUBLE_EQ(ref::pixel_loss<double>({1, 2, 3, 9},
+                                           {
+                                               0,
+                                               4,
+                                               2,
+                                           },
+                                           0.5, f),
+                   0.5 * (1 + 4 + 1));
+}
+
+// Both halves of compositing, and accumulation in two steps, are the whole.
+TEST(Reference, AccumulationInStepsIsComposite) {
+  const size_t n = 20;
+  const auto density = draw(n, 0, 8, 21), delta = draw(n, 0.01, 0.3, 22);
+  const auto colour = triples(draw(3 * n, 0, 1, 23), 0, n);
+  const std::array<double, 3> background{0.2, 0.9, 0.4};
+  const auto whole = ref::composite(density, colour, delta, background);
+  const auto pixel =
+      ref::accumulate(ref::render_weights(density, delta, false), colour, background);
+  std::vector<std::vector<double>> columns;
+  for (const auto& c : colour) columns.emplace_back(c.begin(), c.end());
+  const auto sums = ref::sum_along_ray(whole.weights, columns, 3);
+  ASSERT_EQ(sums.size(), 4u);
+  const double a = sums[3];
+  const auto over = ref::over({sums[0] / a, sums[1] / a, sums[2] / a}, a, background);
+  for (size_t k = 0; k < 4; ++k) {
+    EXPECT_NEAR(pixel[k], whole.pixel[k], kExact) << k;
+    EXPECT_NEAR(over[k], whole.pixel[k], kExact) << k;
+  }
+}
+
 TEST(Reference, LinearBackwardIsTheComplexStep) {
   const size_t in = 5, out = 4;
   const std::vector<double> all = draw(in * out + out + in, -1, 1, 1), c = draw(out, -1, 1, 2);

@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <span>
 #include <vector>
 
 #include "golden/golden.h"
+#include "math/complex_step.h"
 #include "math/worst_error.h"
 
 namespace nerf {
@@ -194,6 +196,97 @@ TEST(StepFunction, InversionReachesBothEndsAndSkipsEmptyBins) {
   Doubles out(5);
   invert_sorted<double>(edges, cdf, u, out);
   EXPECT_EQ(out, (Doubles{1, 1.5, 3, 4, 5}));
+}
+
+// Derivatives of every output by every input: f takes and returns vectors of any scalar. Complex
+// step and dual numbers agree to rounding, and a difference with what the templates give in double.
+template <class F>
+void check_derivatives(const char* name, const F& f, const Doubles& x) {
+  WorstError value("value"), derivative("derivative"), difference("difference");
+  const Doubles y = f(x);
+  for (size_t i = 0; i < x.size(); ++i) {
+    std::vector<Complex> complex = to_complex(x);
+    complex[i] += Complex(0, kComplexStep);
+    std::vector<reference::Dual> dual(x.begin(), x.end());
+    dual[i].derivative = 1;
+    Doubles above = x, below = x;
+    const double step = 1e-5;
+    above[i] += step;
+    below[i] -= step;
+    const auto by_complex = f(complex);
+    const auto by_dual = f(dual);
+    const Doubles high = f(above), low = f(below);
+    for (size_t k = 0; k < y.size(); ++k) {
+      const double slope = by_dual[k].derivative, size = 1 + std::fabs(slope);
+      value.compare(by_complex[k].real(), y[k], 1e-14 * (1 + std::fabs(y[k])), name, "output", k);
+      value.compare(by_dual[k].value, y[k], 1e-14 * (1 + std::fabs(y[k])), name, "output", k);
+      derivative.compare(by_complex[k].imag() / kComplexStep, slope, 1e-11 * size, name, "output",
+                         k, "input", i);
+      // The step's square times a third derivative of a few hundred.
+      difference.compare((high[k] - low[k]) / (2 * step), slope, 1e-7 * size, name, "output", k,
+                         "input", i);
+    }
+  }
+  value.report();
+  derivative.report();
+  difference.report();
+}
+
+// Inputs: five weights, then six edges; positions are drawn at fixed numbers.
+TEST(StepFunction, TemplatesRunOnComplexAndDualNumbers) {
+  const Doubles x = {0.3, 0.05, 0.2, 0.35, 0.15, 0, 0.11, 0.32, 0.45, 0.81, 1};
+  const Doubles u = {0.07, 0.31, 0.33, 0.62, 0.97};
+  const auto weights = []<class T>(const std::vector<T>& v) { return std::span(v).first(5); };
+  const auto edges = []<class T>(const std::vector<T>& v) { return std::span(v).subspan(5); };
+  const auto drawn = [&]<class T>(const std::vector<T>& v) {
+    std::vector<T> cdf(6), at(u.begin(), u.end()), out(5);
+    cumulative_shares<T>(weights(v), cdf);
+    invert_sorted<T>(edges(v), cdf, at, out);
+    return out;
+  };
+  check_derivatives("drawn", drawn, x);
+  check_derivatives(
+      "points",
+      [&]<class T>(const std::vector<T>& v) {
+        std::vector<T> at(u.begin(), u.end()), scratch(10), out(5);
+        resample_points<T>(edges(v).first(5), weights(v), at, scratch, out);
+        return out;
+      },
+      x);
+  check_derivatives(
+      "blurred",
+      [&]<class T>(const std::vector<T>& v) {
+        std::vector<T> out(5);
+        blur_weights<T>(weights(v), T(0.01), out);
+        return out;
+      },
+      x);
+  check_derivatives(
+      "annealed",
+      [&]<class T>(const std::vector<T>& v) {
+        std::vector<T> out(5);
+        anneal_weights<T>(edges(v), weights(v), T(0.7), out);
+        return out;
+      },
+      x);
+  check_derivatives(
+      "posts",
+      [&]<class T>(const std::vector<T>& v) {
+        std::vector<T> out(7);
+        posts_around<T>(edges(v), T(-1), T(0.99), out);
+        return out;
+      },
+      x);
+  check_derivatives(
+      "dilated",
+      [&]<class T>(const std::vector<T>& v) {
+        std::vector<T> out_edges(dilated_edges(5)), out(out_edges.size() - 1);
+        DilationScratch<T> scratch;
+        dilate_weights<T>(edges(v), weights(v), T(0.03), T(-1), T(2), out_edges, out, scratch);
+        out.insert(out.end(), out_edges.begin(), out_edges.end());
+        return out;
+      },
+      x);
 }
 
 }  // namespace

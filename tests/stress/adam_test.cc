@@ -28,7 +28,7 @@ constexpr Real kGradients[] = {0.0_r,    -0.0_r,  1e-45_r, -1e-40_r, 1e-38_r, 1e
 constexpr size_t kCount = std::size(kGradients) + 8;  // a multiple of kLane; the last stay 0
 static_assert(kCount % kLane == 0);
 
-double counted(Real gradient) { return std::clamp(gradient, -kMostGradient, kMostGradient); }
+double counted(Real gradient) { return reference::counted_gradient<double>(gradient); }
 
 struct State {
   explicit State(size_t n, Real weight = 0) : gradient(n), m(n), v(n), w(n) {

@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "nerf/math/reference/scalar.h"
+
 namespace nerf::reference {
 
 struct AdamOptions {
@@ -12,12 +14,21 @@ struct AdamOptions {
   double l2 = 0;  // added to the gradient as l2 * weight
 };
 
+// A gradient beyond this counts as this, of its sign: its square would be infinite in float, and so
+// would v be for ever after. One that is no number stays none.
+inline constexpr double kMostGradient = 1e18;
+template <class T>
+T counted_gradient(T g) {
+  const double at = static_cast<double>(real_part(g));
+  return at > kMostGradient ? T(kMostGradient) : at < -kMostGradient ? T(-kMostGradient) : g;
+}
+
 // Step `step` (counted from 1) of one parameter.
 template <class T>
 void adam(const AdamOptions& o, int64_t step, T gradient, T& m, T& v, T& weight) {
   using std::sqrt;
   const double t = static_cast<double>(step);
-  const T g = gradient + T(o.l2) * weight;
+  const T g = counted_gradient(gradient + T(o.l2) * weight);
   m = T(o.beta1) * m + T(1 - o.beta1) * g;
   v = T(o.beta2) * v + T(1 - o.beta2) * (g * g);
   const T m_hat = m / T(1 - std::pow(o.beta1, t));

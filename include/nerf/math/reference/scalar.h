@@ -85,6 +85,10 @@ TDual<S> log(TDual<S> x) {
   return {log(x.value), x.derivative / x.value};
 }
 template <class S>
+TDual<S> pow(TDual<S> x, TDual<S> y) {
+  return exp(y * log(x));
+}
+template <class S>
 TDual<S> log1p(TDual<S> x) {
   return {log1p(x.value), x.derivative / (S(1) + x.value)};
 }

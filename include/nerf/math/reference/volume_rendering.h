@@ -55,6 +55,44 @@ RenderedRay<T> composite(const std::vector<T>& density, const std::vector<std::a
   return out;
 }
 
+// The second half of composite(): colour over the background, which shows where the weights do not
+// add up to 1, and the sum of the weights.
+template <class T>
+std::array<T, 4> accumulate(const std::vector<T>& weights,
+                            const std::vector<std::array<T, 3>>& colour,
+                            const std::array<T, 3>& background) {
+  std::array<T, 4> pixel{T(0), T(0), T(0), T(0)};
+  for (size_t i = 0; i < weights.size(); ++i) {
+    for (size_t k = 0; k < 3; ++k) pixel[k] += weights[i] * colour[i][k];
+    pixel[3] += weights[i];
+  }
+  for (size_t k = 0; k < 3; ++k) pixel[k] += (T(1) - pixel[3]) * background[k];
+  return pixel;
+}
+
+// The two steps of accumulate() apart, for a colour that is found once for a ray. Sums over a ray's
+// samples of weight times x [samples][rows]; then the sum of the weights, the ray's opacity.
+template <class T>
+std::vector<T> sum_along_ray(const std::vector<T>& weights, const std::vector<std::vector<T>>& x,
+                             size_t rows) {
+  std::vector<T> sum(rows + 1, T(0));
+  for (size_t i = 0; i < weights.size(); ++i) {
+    for (size_t k = 0; k < rows; ++k) sum[k] += weights[i] * x[i][k];
+    sum[rows] += weights[i];
+  }
+  return sum;
+}
+
+// opacity colour + (1 - opacity) background; opacity.
+template <class T>
+std::array<T, 4> over(const std::array<T, 3>& colour, T opacity,
+                      const std::array<T, 3>& background) {
+  std::array<T, 4> pixel;
+  for (size_t k = 0; k < 3; ++k) pixel[k] = opacity * colour[k] + (T(1) - opacity) * background[k];
+  pixel[3] = opacity;
+  return pixel;
+}
+
 // Numbers of successive samples of a ray that share a colour: as many as have at most `most` of the
 // light together, or one that has more by itself, up to the first that less than `stop` reaches.
 // What is behind belongs to none.
