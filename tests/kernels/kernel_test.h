@@ -4,10 +4,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdint>
 #include <string>
 #include <vector>
 
+#include "math/worst_error.h"
 #include "nerf/base/aligned.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/bf16.h"
@@ -21,11 +23,15 @@ namespace nerf {
 template <class Body>
 void for_each_target(const Body& body) {
   struct Restore {
-    ~Restore() { force_simd_target(""); }
+    ~Restore() {
+      force_simd_target("");
+      worst::set_target("");
+    }
   } restore;
   for (const std::string& target : simd_targets()) {
     SCOPED_TRACE("target " + target);
     force_simd_target(target);
+    worst::set_target(target);
     body(target);
   }
 }
@@ -53,6 +59,13 @@ inline constexpr int kWidths[] = {1, 3, 5, 16, 31, 64};        // of layers
 
 inline Real uniform(Random& random, double low, double high) {
   return static_cast<Real>(low + (high - low) * static_cast<double>(random.uniform()));
+}
+
+// A number of random sign and magnitude: any power of ten in [low, high], 0 at times.
+inline Real any_size(Random& random, double low, double high) {
+  if (random.uniform() < 0.05_r) return random.uniform() < 0.5_r ? 0.0_r : -0.0_r;
+  const double v = std::pow(10.0, uniform(random, low, high));
+  return static_cast<Real>(random.uniform() < 0.5_r ? v : -v);
 }
 
 // [rows x n] with a stride beyond n rounded up. Padding columns are finite but not 0 unless they
