@@ -47,13 +47,15 @@ struct ScalarFunction {
   Outputs<Magnitude> operator()(const Given<Magnitude>& v) const { return in_magnitude(v); }
 };
 
-// A value that the test fills with random numbers in [low, high], or with unit vectors.
+// A value that the test fills with random numbers in [low, high], with unit vectors, or with any
+// magnitudes, powers of ten in [low, high] of either sign, some of them 0.
 struct TestInput {
   int rows;
   Domain domain;
   bool gradient;
   double low = -1, high = 1;
   bool unit = false;
+  bool any_size = false;
 };
 
 struct TapeUnderTest {
@@ -68,6 +70,8 @@ struct TapeUnderTest {
   // opacity.
   double shared = 0;
   double weight_range = 1;
+  // Whether whole gradients are compared as vectors too. Not where numbers of any size cancel.
+  bool norms = true;
 };
 
 // The random linear functional of some values that makes a loss of them.
@@ -121,7 +125,7 @@ struct Problem {
       for (std::vector<double>& column : values.back()) {
         double square = 0;
         for (double& v : column) {
-          v = uniform(random, in.low, in.high);
+          v = in.any_size ? any_size(random, in.low, in.high) : uniform(random, in.low, in.high);
           square += v * v;
         }
         if (in.unit)
@@ -174,6 +178,13 @@ struct Problem {
                        ? 1.0
                        : Probe::coefficient(i, static_cast<int64_t>(r), static_cast<int64_t>(s)));
     return sum;
+  }
+
+  static double elements(const Outputs<double>& outputs) {
+    size_t count = 0;
+    for (const Columns<double>& output : outputs)
+      for (const std::vector<double>& column : output) count += column.size();
+    return static_cast<double>(count);
   }
 
   const TapeUnderTest& test;

@@ -7,72 +7,10 @@
 #include <vector>
 
 #include "autodiff/reference_ops.h"
+#include "autodiff/tangent_check.h"
 
 namespace nerf {
 namespace {
-
-using enum Domain;
-using Values = std::vector<Value>;
-template <class T>
-using TDual = reference::TDual<T>;
-
-// The columns with a derivative along one direction.
-template <class T>
-Columns<TDual<T>> dual(const Columns<T>& x, const Columns<T>& tangent) {
-  Columns<TDual<T>> out;
-  for (size_t s = 0; s < x.size(); ++s) {
-    out.emplace_back();
-    for (size_t r = 0; r < x[s].size(); ++r) out.back().push_back({x[s][r], tangent[s][r]});
-  }
-  return out;
-}
-
-template <class T>
-Columns<T> part(const Columns<TDual<T>>& x, T TDual<T>::* which) {
-  Columns<T> out;
-  for (const auto& column : x) {
-    out.emplace_back();
-    for (const TDual<T>& v : column) out.back().push_back(v.*which);
-  }
-  return out;
-}
-
-template <class T>
-std::vector<TDual<T>> constants(const std::vector<T>& weights) {
-  return {weights.begin(), weights.end()};
-}
-
-// `record` and `f` are the same function of x (the first input) on a tape and on dual numbers; the
-// other inputs are the directions. Outputs: the value, then its tangents.
-template <class Record, class F>
-void check_tangents(const std::string& name, int rows, double range,
-                    const std::vector<LinearWeights>& layers, const Record& record, const F& f,
-                    double roundings) {
-  for (const int directions : {1, 3})
-    for (int needs = 1; needs < 4; ++needs) {  // which of x and the directions need a gradient
-      std::vector<TestInput> inputs = {{rows, kSamples, (needs & 1) != 0, -range, range}};
-      for (int i = 0; i < directions; ++i) inputs.push_back({rows, kSamples, (needs & 2) != 0});
-      check_operation(
-          {name, inputs, layers,
-           [=](Tape& t, const Values& v) {
-             const WithTangents y = record(t, WithTangents{v[0], Values(v.begin() + 1, v.end())});
-             Values out{y.value};
-             out.insert(out.end(), y.tangents.begin(), y.tangents.end());
-             // Where nothing leads to a gradient there is none to ask for.
-             return out;
-           },
-           roundings},
-          [=]<class T>(const Given<T>& v) -> Outputs<T> {
-            Outputs<T> out;
-            for (int i = 0; i < directions; ++i) {
-              const auto y = f(dual(v[0], v[1 + static_cast<size_t>(i)]), constants(v.weights));
-              if (i == 0) out.push_back(part(y, &TDual<T>::value));
-              out.push_back(part(y, &TDual<T>::derivative));
-            }
-            return out;
-          });
-    }
-}
 
 TEST(Tangents, OfActivations) {
   check_tangents(
