@@ -19,13 +19,6 @@ namespace {
 constexpr double kTiny = std::numeric_limits<Real>::min();
 using Vector = std::vector<double>;
 
-// A number of random sign and magnitude: any power of ten in [low, high], 0 at times.
-Real any_size(Random& random, double low, double high) {
-  if (random.uniform() < 0.05_r) return random.uniform() < 0.5_r ? 0.0_r : -0.0_r;
-  const double v = std::pow(10.0, uniform(random, low, high));
-  return static_cast<Real>(random.uniform() < 0.5_r ? v : -v);
-}
-
 struct Case {
   Case(int i, int o, int64_t n, double low, double high, Random& random)
       : in(i), out(o), x(i, n), w(static_cast<size_t>(o * weight_stride(i))) {
@@ -54,16 +47,24 @@ Vector packed(const Case& c, bool absolute) {
 // all magnitudes mixed, large ones, and small ones whose products vanish.
 constexpr std::pair<double, double> kRanges[] = {{-18, 18}, {15, 18}, {-38, -10}, {-44, -30}};
 
+// From a width of 96 on layers are packed and go through panels, and from a depth of 277 (less on
+// targets of more lanes) on sums are taken in parts: of the inputs in {1024, 40}, of the outputs in
+// {40, 1024}. A sum of so many products of the largest size is a float as well.
+constexpr std::pair<int, int> kShapes[] = {{1, 1},    {31, 5},    {64, 64},  {40, 16},
+                                           {97, 130}, {1024, 40}, {40, 1024}};
+constexpr double kLargestOfWide = 17;
+
 template <class Body>
 void for_each_case(const Body& body) {
   for_each_target([&](const std::string&) {
     for (const auto& [low, high] : kRanges)
-      for (const auto& [in, out] : {std::pair{1, 1}, {31, 5}, {64, 64}, {40, 16}})
+      for (const auto& [in, out] : kShapes)
         for (bool flush : {false, true}) {
           Random random(31, static_cast<uint64_t>(in), flush);
           SCOPED_TRACE("magnitudes from 1e" + std::to_string(low) + ", inputs " +
                        std::to_string(in));
-          body(Case(in, out, 48, low, high, random), flush, random);
+          const double most = in + out > 200 ? std::min(high, kLargestOfWide) : high;
+          body(Case(in, out, in + out > 200 ? 72 : 48, low, most, random), flush, random);
         }
   });
 }
@@ -108,7 +109,7 @@ TEST(StressLinear, ForwardOfEveryMagnitude) {
 TEST(StressLinear, BackwardOfEveryMagnitude) {
   WorstError input("input"), weight("weight");
   for_each_case([&](const Case& c, bool flush, Random& random) {
-    const auto [low, high] = std::pair{-18.0, 17.0};
+    const auto [low, high] = std::pair{-18.0, c.in + c.out > 200 ? 16.0 : 17.0};
     Matrix dy(c.out, c.x.n), dx(c.in, c.x.n);
     for (int j = 0; j < c.out; ++j)
       for (int64_t s = 0; s < dy.padded; ++s)
@@ -156,7 +157,7 @@ TEST(StressLinear, BackwardOfEveryMagnitude) {
 // A sample whose numbers overflow, or are none, is alone with it: all others keep every bit.
 TEST(StressLinear, OverflowInOneSampleTouchesNoOther) {
   for_each_target([&](const std::string&) {
-    for (const auto& [in, out] : {std::pair{5, 3}, {31, 16}, {64, 64}})
+    for (const auto& [in, out] : {std::pair{5, 3}, {31, 16}, {64, 64}, {97, 130}, {300, 310}})
       for (Real odd : {1e38_r, std::numeric_limits<Real>::infinity(), Real{NAN}})
         for (int64_t at : {0, 7, 15, 16, 39}) {
           Random random(32, 0, 0);
