@@ -135,6 +135,28 @@ TEST(Gradient, Mlp) {
   }
 }
 
+// Layers wide enough for packs and panels, the input given again in the middle. Sums of 100 terms
+// in each of three layers; two samples, for each of 9900 weights has its complex step.
+TEST(Gradient, WideMlpWithASkip) {
+  static const LinearWeights first{0, 3, 96}, second{first.size(), 99, 96},
+      last{first.size() + second.size(), 96, 2};
+  check_operation({"wide_mlp",
+                   {{3, kSamples, true}},
+                   {first, second, last},
+                   [](Tape& t, const Values& v) {
+                     const Value h = concat(t, linear(t, v[0], first, kRelu), v[0]);
+                     return Values{linear(t, linear(t, h, second, kRelu), last, kPlain)};
+                   },
+                   300},
+                  []<class T>(const Given<T>& v) -> Outputs<T> {
+                    const auto h =
+                        on_columns::concat(on_columns::linear(v[0], v.weights, first, true), v[0]);
+                    return {on_columns::linear(on_columns::linear(h, v.weights, second, true),
+                                               v.weights, last, false)};
+                  },
+                  {{0, 1, 2}});
+}
+
 TEST(Gradient, Concat) {
   for (int needs = 1; needs < 4; ++needs)  // which of the two need a gradient
     check_operation(

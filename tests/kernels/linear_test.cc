@@ -52,10 +52,16 @@ void for_each_shape(const Body& body) {
         }
     // Wide layers take other ways: pieces of rows, and of samples in the weights' gradient.
     for (const auto& [in, out] : {std::pair{96, 96}, {97, 101}, {319, 130}, {340, 330}})
-      for (int64_t n : {0, 17, 193, in == 96 ? 530 : 400}) {
+      for (int64_t n : {0, 1, 17, 193, in == 96 ? 530 : 400}) {
         SCOPED_TRACE("in " + std::to_string(in) + " out " + std::to_string(out) + " n " +
                      std::to_string(n));
         body(in, out, n, random);
+      }
+    // The widths that models have.
+    for (int width : {128, 256, 512})
+      for (int64_t n : {1, 40}) {
+        SCOPED_TRACE("width " + std::to_string(width) + " n " + std::to_string(n));
+        body(width, width, n, random);
       }
     SCOPED_TRACE("the widest");
     body(1024, 1024, 17, random);
