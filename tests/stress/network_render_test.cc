@@ -12,6 +12,7 @@
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
 #include "nerf/model/network_field.h"
+#include "nerf/model/network_levels.h"
 #include "nerf/model/network_ray.h"
 #include "stress/composite_run.h"
 #include "stress/stress_field.h"
@@ -111,6 +112,44 @@ TEST(StressNetworkRender, EveryPixelOfEveryView) {
         }
       }
   });
+}
+
+// Before a picture clips anything: no weight is below 0, and those of a ray's samples, on any
+// level, add up to at most 1 + 1e-6 in double.
+TEST(StressNetworkRender, WeightsOfEveryRayAddUpToAtMostOne) {
+  int64_t rays_seen = 0, opaque = 0;
+  for_each_target([&](const std::string&) {
+    for (const Method& m : methods())
+      for (const Content& content : kContents) {
+        NetworkField field(m.options, m.near, m.far);
+        field.initialise(5);
+        content.change(field);
+        if (m.options.space == Space::kNdc) field.ndc.near = 1;
+        NetworkLevels levels(field, 9);
+        for (const View& v : views(3)) {
+          SCOPED_TRACE(m.name + ", " + content.name + ", " + v.name);
+          std::vector<NetworkRay> rays;
+          for (int i = 0; i < 9; ++i)
+            if (const auto ray = cast_ray(field, v.camera, v.pose, {i % 3 + 0.5, i / 3 + 0.5}))
+              rays.push_back(*ray);
+          if (rays.empty()) continue;
+          levels.forward(rays, 1);
+          rays_seen += static_cast<int64_t>(rays.size());
+          for (int level = 0; level < levels.levels(); ++level)
+            for (int r = 0; r < static_cast<int>(rays.size()); ++r) {
+              double sum = 0;
+              for (const Real w : levels.weights(level, r)) {
+                ASSERT_TRUE(w >= 0) << "level " << level << " ray " << r << ": " << w;
+                sum += double{w};
+              }
+              ASSERT_LE(sum, 1 + 1e-6) << "level " << level << " ray " << r;
+              opaque += sum > 0.999;
+            }
+        }
+      }
+  });
+  EXPECT_GT(rays_seen, 5000);
+  EXPECT_GT(opaque, 1000);
 }
 
 // Pictures of other targets agree to a quarter of an 8-bit level
