@@ -76,23 +76,25 @@ TEST(StressClosedForm, TwoLayersCutAtRandom) {
 
 // A slab with empty space before and behind it, of any length, is the slab: bit for bit.
 TEST(StressClosedForm, EmptySpaceAroundASlabChangesNothing) {
-  Random random(22, 0, 0);
-  const auto lengths = cut(1, 50, 2, random);
-  Matter slab;
-  for (Real d : lengths) slab.add(1.5_r, d, {0.3_r, 0.6_r, 0.2_r});
-  const Rendered alone = run_composite(slab);
-  const double left = std::exp(-1.5 * total(lengths));
-  for (size_t k = 0; k < 3; ++k)
-    EXPECT_NEAR(alone.pixel[k], (1 - left) * slab.colour[0][k] + left * slab.background[k],
-                kPixelError);
-  for (Real empty : {1e-7_r, 1.0_r, 1e7_r}) {
-    Matter m;
-    for (int i = 0; i < 20; ++i) m.add(0, empty, {1, 1, 1});
-    for (Real d : lengths) m.add(1.5_r, d, {0.3_r, 0.6_r, 0.2_r});
-    for (int i = 0; i < 20; ++i) m.add(0, empty, {1, 1, 1});
-    const Rendered got = run_composite(m);
-    EXPECT_EQ(got.pixel, alone.pixel) << empty;
-  }
+  for_each_target([&](const std::string&) {
+    Random random(22, 0, 0);
+    const auto lengths = cut(1, 50, 2, random);
+    Matter slab;
+    for (Real d : lengths) slab.add(1.5_r, d, {0.3_r, 0.6_r, 0.2_r});
+    const Rendered alone = run_composite(slab);
+    const double left = std::exp(-1.5 * total(lengths));
+    for (size_t k = 0; k < 3; ++k)
+      EXPECT_NEAR(alone.pixel[k], (1 - left) * slab.colour[0][k] + left * slab.background[k],
+                  kPixelError);
+    for (Real empty : {1e-7_r, 1.0_r, 1e7_r}) {
+      Matter m;
+      for (int i = 0; i < 20; ++i) m.add(0, empty, {1, 1, 1});
+      for (Real d : lengths) m.add(1.5_r, d, {0.3_r, 0.6_r, 0.2_r});
+      for (int i = 0; i < 20; ++i) m.add(0, empty, {1, 1, 1});
+      const Rendered got = run_composite(m);
+      EXPECT_EQ(got.pixel, alone.pixel) << empty;
+    }
+  });
 }
 
 // Matter that only absorbs dims a surface behind it by its transmittance, and the transmittance of
@@ -134,16 +136,18 @@ TEST(StressClosedForm, AbsorptionIsMultiplicativeOverAnySplit) {
 // Light passes as much of a medium backwards as forwards; what is seen differs.
 TEST(StressClosedForm, OpacityIsTheSameFromBothSides) {
   WorstError worst("reversed");
-  for (uint64_t i = 0; i < 40; ++i) {
-    Random random(24, 0, i);
-    Matter m, reversed;
-    for (int s = 0; s < 200; ++s)
-      m.add(static_cast<Real>(std::pow(10.0, uniform(random, -6, 2))),
-            static_cast<Real>(std::pow(10.0, uniform(random, -6, -2))), {random.uniform(), 0, 1});
-    for (size_t s = m.size(); s-- > 0;) reversed.add(m.density[s], m.delta[s], m.colour[s]);
-    worst.compare(run_composite(m).pixel[3], run_composite(reversed).pixel[3], 2 * kPixelError,
-                  "ray", i);
-  }
+  for_each_target([&](const std::string&) {
+    for (uint64_t i = 0; i < 40; ++i) {
+      Random random(24, 0, i);
+      Matter m, reversed;
+      for (int s = 0; s < 200; ++s)
+        m.add(static_cast<Real>(std::pow(10.0, uniform(random, -6, 2))),
+              static_cast<Real>(std::pow(10.0, uniform(random, -6, -2))), {random.uniform(), 0, 1});
+      for (size_t s = m.size(); s-- > 0;) reversed.add(m.density[s], m.delta[s], m.colour[s]);
+      worst.compare(run_composite(m).pixel[3], run_composite(reversed).pixel[3], 2 * kPixelError,
+                    "ray", i);
+    }
+  });
   worst.report();
 }
 
@@ -202,16 +206,18 @@ TEST(StressClosedForm, GaussianMedium) {
 
 // The rule's order: twice the samples, a quarter of the error, as far as float can tell.
 TEST(StressClosedForm, ErrorFallsWithTheSquareOfTheSamples) {
-  const auto d = [](double x) { return 2 * std::exp(-x / 0.5); };
-  const double exact = std::exp(-(1 - std::exp(-4.0)));
-  const auto error = [&](int n) {
-    return std::fabs(1 - run_composite(midpoints(d, 2, n)).pixel[3] - exact);
-  };
-  for (int n : {8, 16, 32}) {
-    const double ratio = error(n) / error(2 * n);
-    EXPECT_GT(ratio, 3.8) << n;
-    EXPECT_LT(ratio, 4.2) << n;
-  }
+  for_each_target([&](const std::string&) {
+    const auto d = [](double x) { return 2 * std::exp(-x / 0.5); };
+    const double exact = std::exp(-(1 - std::exp(-4.0)));
+    const auto error = [&](int n) {
+      return std::fabs(1 - run_composite(midpoints(d, 2, n)).pixel[3] - exact);
+    };
+    for (int n : {8, 16, 32}) {
+      const double ratio = error(n) / error(2 * n);
+      EXPECT_GT(ratio, 3.8) << n;
+      EXPECT_LT(ratio, 4.2) << n;
+    }
+  });
 }
 
 }  // namespace

@@ -119,45 +119,47 @@ TEST(StressField, GradientsStayFinite) {
 // A colour or a density at its limit still learns: the slope of a saturated density is that of 15,
 // and a loss hands a gradient on wherever light is left.
 TEST(StressField, ExtremeDensitiesStillReceiveGradient) {
-  for (Real log_density : {-1e4_r, -30.0_r, 30.0_r, 1e4_r})
-    for (Real length : {1e-7_r, 1e-2_r}) {
-      Tape tape(16, 1);
-      const Value x = tape.input(1, Domain::kSamples, true);
-      const Value colour = tape.input(3, Domain::kSamples, true);
-      const Value delta = tape.input(1, Domain::kSamples), back = tape.input(3, Domain::kRays);
-      const Value target = tape.input(3, Domain::kRays), scale = tape.input(1, Domain::kRays);
-      const Composite image = composite(tape, truncated_exp(tape, x), colour, delta, back);
-      huber_loss(tape, image.pixel, target, scale, 0.5_r);
-      tape.plan();
-      Chunk chunk(tape);
-      const int32_t begin[] = {0, 1};
-      chunk.samples = chunk.rays = 1;
-      chunk.ray_begin = begin;
-      std::fill_n(chunk.data(x), 16, log_density);
-      std::fill_n(chunk.data(delta), 1, length);
-      std::fill_n(chunk.data(scale), 1, 1.0_r);
-      for (int k = 0; k < 3; ++k) {
-        chunk.data(colour)[k * 16] = 1;
-        chunk.data(back)[k * 16] = 0;
-        chunk.data(target)[k * 16] = 0.5_r;
+  for_each_target([&](const std::string&) {
+    for (Real log_density : {-1e4_r, -30.0_r, 30.0_r, 1e4_r})
+      for (Real length : {1e-7_r, 1e-2_r}) {
+        Tape tape(16, 1);
+        const Value x = tape.input(1, Domain::kSamples, true);
+        const Value colour = tape.input(3, Domain::kSamples, true);
+        const Value delta = tape.input(1, Domain::kSamples), back = tape.input(3, Domain::kRays);
+        const Value target = tape.input(3, Domain::kRays), scale = tape.input(1, Domain::kRays);
+        const Composite image = composite(tape, truncated_exp(tape, x), colour, delta, back);
+        huber_loss(tape, image.pixel, target, scale, 0.5_r);
+        tape.plan();
+        Chunk chunk(tape);
+        const int32_t begin[] = {0, 1};
+        chunk.samples = chunk.rays = 1;
+        chunk.ray_begin = begin;
+        std::fill_n(chunk.data(x), 16, log_density);
+        std::fill_n(chunk.data(delta), 1, length);
+        std::fill_n(chunk.data(scale), 1, 1.0_r);
+        for (int k = 0; k < 3; ++k) {
+          chunk.data(colour)[k * 16] = 1;
+          chunk.data(back)[k * 16] = 0;
+          chunk.data(target)[k * 16] = 0.5_r;
+        }
+        tape.forward(chunk);
+        tape.backward(chunk);
+        const double density = std::exp(std::min(log_density, 30.0_r));
+        const double opacity = -std::expm1(-density * length), left = std::exp(-density * length);
+        // 2 e per channel and white on black: d opacity / d density = length exp(-depth).
+        const double slope = std::exp(std::clamp(log_density, -15.0_r, 15.0_r));
+        const double want = 3 * 2 * (opacity - 0.5) * length * left * slope;
+        // The difference e is off by 12 u of 1, density and slope by 2 u each; the depth's error of
+        // 3 u depth moves exp(-depth) by that.
+        const double size = 3 * 2 * length * left * slope;
+        EXPECT_NEAR(chunk.gradient(x)[0], want,
+                    (20 + 3 * density * length) * kRoundoff * size + 1e-37)
+            << log_density << " over " << length;
+        if (left > 1e-30) {
+          EXPECT_NE(chunk.gradient(x)[0], 0) << log_density << " over " << length;
+        }
       }
-      tape.forward(chunk);
-      tape.backward(chunk);
-      const double density = std::exp(std::min(log_density, 30.0_r));
-      const double opacity = -std::expm1(-density * length), left = std::exp(-density * length);
-      // 2 e per channel and white on black: d opacity / d density = length exp(-depth).
-      const double slope = std::exp(std::clamp(log_density, -15.0_r, 15.0_r));
-      const double want = 3 * 2 * (opacity - 0.5) * length * left * slope;
-      // The difference e is off by 12 u of 1, density and slope by 2 u each; the depth's error of
-      // 3 u depth moves exp(-depth) by that.
-      const double size = 3 * 2 * length * left * slope;
-      EXPECT_NEAR(chunk.gradient(x)[0], want,
-                  (20 + 3 * density * length) * kRoundoff * size + 1e-37)
-          << log_density << " over " << length;
-      if (left > 1e-30) {
-        EXPECT_NE(chunk.gradient(x)[0], 0) << log_density << " over " << length;
-      }
-    }
+  });
 }
 
 }  // namespace

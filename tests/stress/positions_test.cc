@@ -6,6 +6,7 @@
 #include <limits>
 #include <vector>
 
+#include "kernels/kernel_test.h"
 #include "math/worst_error.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"
@@ -87,34 +88,36 @@ TEST(StressPositions, PlaceOnTheGrid) {
 // Inside the outermost cascade the field's density and colour; outside no density, and a colour
 // that is one, at any distance and in captures whose coordinates are large.
 TEST(StressPositions, QueryAtEveryDistance) {
-  for (bool unbounded : {false, true})
-    for (double offset : {0.0, 5e6}) {
-      const int cascades = unbounded ? 12 : 1;
-      const double half = std::ldexp(1.0, cascades - 1);
-      Similarity to_engine;
-      to_engine.center = {offset, -offset, 0.5 * offset};
-      to_engine.scale = 0.5;
-      const RadianceField field = constant_field(
-          {.unbounded = unbounded, .cascades = cascades, .log_density = 1}, to_engine);
-      std::vector<Vec3d> points, seen_along;
-      std::vector<bool> inside;
-      for (const Vec3d& d : directions())
-        for (double radius : {0.0, 1e-30, 0.3, 0.999, 1.8, 1e2, 2e3, 1e6, 1e12, 1e30, 1e100}) {
-          const Vec3d p = d * radius;
-          points.push_back(to_engine.apply_inverse(p));
-          seen_along.push_back(-d);
-          const double most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
-          inside.push_back(most < half);
+  for_each_target([&](const std::string&) {
+    for (bool unbounded : {false, true})
+      for (double offset : {0.0, 5e6}) {
+        const int cascades = unbounded ? 12 : 1;
+        const double half = std::ldexp(1.0, cascades - 1);
+        Similarity to_engine;
+        to_engine.center = {offset, -offset, 0.5 * offset};
+        to_engine.scale = 0.5;
+        const RadianceField field = constant_field(
+            {.unbounded = unbounded, .cascades = cascades, .log_density = 1}, to_engine);
+        std::vector<Vec3d> points, seen_along;
+        std::vector<bool> inside;
+        for (const Vec3d& d : directions())
+          for (double radius : {0.0, 1e-30, 0.3, 0.999, 1.8, 1e2, 2e3, 1e6, 1e12, 1e30, 1e100}) {
+            const Vec3d p = d * radius;
+            points.push_back(to_engine.apply_inverse(p));
+            seen_along.push_back(-d);
+            const double most = std::max({std::fabs(p.x), std::fabs(p.y), std::fabs(p.z)});
+            inside.push_back(most < half);
+          }
+        std::vector<Real> density(points.size()), rgb(3 * points.size());
+        ThreadPool pool(2);
+        field.query(points, seen_along, density, rgb, pool);
+        for (size_t i = 0; i < points.size(); ++i) {
+          // exp(1) by Highway's Exp, then halved.
+          EXPECT_NEAR(density[i], inside[i] ? 0.5 * std::exp(1.0) : 0.0, 8 * kRoundoff) << i;
+          for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5_r) << i;
         }
-      std::vector<Real> density(points.size()), rgb(3 * points.size());
-      ThreadPool pool(2);
-      field.query(points, seen_along, density, rgb, pool);
-      for (size_t i = 0; i < points.size(); ++i) {
-        // exp(1) by Highway's Exp, then halved.
-        EXPECT_NEAR(density[i], inside[i] ? 0.5 * std::exp(1.0) : 0.0, 8 * kRoundoff) << i;
-        for (size_t k = 0; k < 3; ++k) EXPECT_EQ(rgb[3 * i + k], 0.5_r) << i;
       }
-    }
+  });
 }
 
 }  // namespace
