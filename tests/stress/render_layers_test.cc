@@ -1,5 +1,5 @@
-// Whole pictures of a slab, and of two layers of different density and colour with nothing between
-// them, against their closed forms.
+// Whole pictures of a slab, of two layers of different density and colour with nothing between
+// them, of black mist, of a slab cut in two and of an exponential medium, against closed forms.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -200,6 +200,159 @@ TEST(StressRenderLayers, TwoOfDifferentDensityAndColour) {
        {std::pair{0.3, 2.0}, {2.0, 0.3}, {1e-3, 40.0}, {40.0, 1e-3}, {1e4, 1.0}, {1.0, 1e4}})
     scenes.push_back({{-0.75, -0.25, first, {3, -1, 0.5_r}}, {0.25, 0.875, second, {-2, 1, 2}}});
   compare_on_every_target(scenes);
+}
+
+// Matter that only absorbs: a wall behind black mist shows its colour times the light that the mist
+// lets through, and so does a background, where intervals may follow the cached densities too.
+TEST(StressRenderLayers, BlackMist) {
+  constexpr std::array<Real, 3> kBlack = {-100, -100, -100};
+  std::vector<std::vector<Layer>> scenes;
+  for (const double density : {1e-3, 0.3, 2.0, 8.0}) {
+    scenes.push_back({{-0.75, -0.25, density, kBlack}});
+    scenes.push_back({{-0.75, -0.25, density, kBlack}, {0.25, 0.875, 1e4, {2, -1, 0.5_r}}});
+  }
+  compare_on_every_target(scenes);
+}
+
+// A layer cut in two, at different places: the light that passes both parts is the product of what
+// passes each. Three pictures, each off as compare() says of its own layer.
+TEST(StressRenderLayers, TransmittanceIsMultiplicativeOverAnySplit) {
+  WorstError worst("product_of_parts");
+  ThreadPool pool(2);
+  constexpr double kBegin = -0.75, kEnd = -0.25;
+  for_each_target([&](const std::string&) {
+    for (const double density : {1e-3, 0.3, 2.0, 8.0})
+      for (const double cut : {-0.6875, -0.5, -0.3125})
+        for (const bool unclipped : {true, false})
+          for (const Shot& shot : kShots) {
+            RenderOptions options;
+            options.skip_nothing();
+            options.unclipped = unclipped;
+            options.precision = Precision::kF32;
+            const Camera camera = pinhole(8, shot.focal);
+            const Pose pose = look_at(shot.eye, shot.target);
+            const std::array<Layer, 3> layers = {{{kBegin, kEnd, density, {0, 0, 0}},
+                                                  {kBegin, cut, density, {0, 0, 0}},
+                                                  {cut, kEnd, density, {0, 0, 0}}}};
+            std::vector<Frame> frames;
+            for (const Layer& layer : layers)
+              frames.push_back(render(layered_field({layer}), camera, pose, options, pool));
+            for (int y = 0; y < camera.height; ++y)
+              for (int x = 0; x < camera.width; ++x) {
+                const size_t at = static_cast<size_t>(y * camera.width + x);
+                const Vec3d direction =
+                    pose.rotation * normalized(*unproject(camera, {x + 0.5, y + 0.5}));
+                double tolerance = 0;
+                std::array<double, 3> left;
+                for (size_t i = 0; i < 3; ++i) {
+                  left[i] = 1 - double{frames[i].alpha[at]};
+                  const Way way = way_through(layers[i], pose.translation, direction, 1e-3);
+                  const double off = (15 * std::fabs(std::log(density)) + 4) * kRoundoff;
+                  const double sure = density * std::max(0.0, way.length - way.error);
+                  tolerance += 12 * kRoundoff + 0.37 * off + density * way.error * std::exp(-sure);
+                }
+                worst.compare(left[0], left[1] * left[2], tolerance, "density", density, "cut", cut,
+                              "unclipped", unclipped, shot.name, x, y);
+              }
+          }
+  });
+  worst.report();
+}
+
+// Everywhere in [-1, 1]^3 a density of exp(a + slope f) with f = 15 (x + 1) / 2 + 1/2, linear in x.
+RadianceField exponential_field(double a, double slope, Real logit) {
+  GridOptions options = small_options();
+  options.levels = 1;
+  options.log2_entries = 13;
+  options.base_resolution = options.finest_resolution = 16;
+  auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1);
+  const HashGridLevel& level = grid->shape.levels[0];
+  EXPECT_TRUE(level.dense && level.scale == 15);
+  const size_t features = static_cast<size_t>(level.features);
+  for (size_t row = 0; row < level.entries; ++row) {
+    grid->table[row * features] = static_cast<Real>(row % level.resolution);
+    grid->table[row * features + 1] = 1;
+  }
+  const auto weight = [&](const LinearWeights& w, int row, int column) -> Real& {
+    return grid->weights[w.offset + static_cast<size_t>(row * weight_stride(w.in) + column)];
+  };
+  for (int k : {0, 1}) weight(grid->density_layers[0], k, k) = 1;
+  weight(grid->density_layers[1], 0, 0) = static_cast<Real>(slope);
+  weight(grid->density_layers[1], 0, 1) = static_cast<Real>(a);
+  weight(grid->colour_layers[0], 0, grid->options.geometry_features) = 1;
+  for (int k = 0; k < 3; ++k) weight(grid->colour_layers[1], k, 0) = logit / 0.28209479177387814_r;
+  grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 3));
+  ModelInfo info;
+  info.near = 1e-3;
+  info.alpha = true;
+  return RadianceField(std::move(info), std::move(grid));
+}
+
+// An exponential medium: depth sigma(t0) (exp(g L) - 1) / g on a way of length L along which the
+// logarithm of the density grows by g per unit. The midpoint rule on intervals that are h wide
+// along x is off by (kappa h)^2 / 24 of the depth, kappa being the growth along x: `unclipped`
+// takes four in each cell of 1/16, and 240 of the same length, as a large uniform_share has them,
+// are 1/120 wide at most (a millionth more). A place off by e moves a density by kappa e of itself,
+// and its logarithm is off by 15 u of its terms and 4 u for the exponential (as above); each counts
+// with depth exp(-depth) < 0.37. The ends of the way count with the density there.
+TEST(StressRenderLayers, ExponentialMedium) {
+  WorstError opacity("opacity"), colour("colour");
+  ThreadPool pool(2);
+  const Layer everywhere{-1, 1, 0, {0, 0, 0}};
+  constexpr Real kLogit = 2;
+  for_each_target([&](const std::string&) {
+    for (const auto& [a, slope] :
+         {std::pair{-1.0, 0.2}, {2.0, -0.2}, {-6.0, 0.3}, {1.0, 0.05}, {-3.0, -0.1}}) {
+      const RadianceField field = exponential_field(a, slope, kLogit);
+      const double k = static_cast<Real>(slope), kappa = 7.5 * k;
+      const auto sigma = [&](double x) { return std::exp(a + k * (7.5 * (x + 1) + 0.5)); };
+      for (const bool unclipped : {true, false})
+        for (const Shot& shot : kShots) {
+          RenderOptions options;
+          options.skip_nothing();
+          options.unclipped = unclipped;
+          options.precision = Precision::kF32;
+          options.background = {0.1_r, 0.9_r, 0.3_r};
+          options.max_samples = 240;
+          options.sample_factor = options.uniform_share = 1e6_r;
+          const Camera camera = pinhole(12, shot.focal);
+          const Pose pose = look_at(shot.eye, shot.target);
+          const Frame frame = render(field, camera, pose, options, pool);
+          expect_picture(frame);
+          const double width = std::fabs(kappa) * (unclipped ? 1.0 / 64 : 1.000001 / 120);
+          for (int y = 0; y < camera.height; ++y)
+            for (int x = 0; x < camera.width; ++x) {
+              const size_t at = static_cast<size_t>(y * camera.width + x);
+              const Vec3d d = pose.rotation * normalized(*unproject(camera, {x + 0.5, y + 0.5}));
+              const Way way = way_through(everywhere, pose.translation, d, 1e-3);
+              const auto at_t = [&](double t) {  // within the box, also of a ray that misses it
+                return std::clamp(pose.translation.x + t * d.x, -1.0, 1.0);
+              };
+              const double x0 = at_t(way.t0), x1 = at_t(way.t0 + way.length);
+              const double g = kappa * d.x, grown = g * way.length;
+              const double depth = sigma(x0) * way.length *
+                                   (std::fabs(grown) < 1e-9 ? 1 : std::expm1(grown) / grown);
+              const double left = std::exp(-depth);
+              const double off = (15 * (std::fabs(a) + 16 * std::fabs(k)) + 4) * kRoundoff;
+              const double tolerance = 12 * kRoundoff +
+                                       0.37 * (width * width / 24 * std::exp(width) +
+                                               std::fabs(kappa) * way.error + off) +
+                                       std::max(sigma(x0), sigma(x1)) * way.error;
+              opacity.compare(frame.alpha[at], 1 - left, tolerance, "a", a, "slope", slope,
+                              "unclipped", unclipped, shot.name, x, y);
+              for (size_t c = 0; c < 3; ++c)
+                colour.compare(frame.rgb[3 * at + c],
+                               (1 - left) / (1 + std::exp(-double{kLogit})) +
+                                   left * double{options.background[static_cast<int>(c)]},
+                               tolerance + rounding_bound(4 * 3 * 33 + 2) + 4 * kRoundoff, "a", a,
+                               "slope", slope, "unclipped", unclipped, shot.name, x, y, "channel",
+                               c);
+            }
+        }
+    }
+  });
+  opacity.report();
+  colour.report();
 }
 
 }  // namespace
