@@ -7,6 +7,7 @@
 
 #include "nerf/io/scene.h"
 #include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
 
 namespace nerf::apps {
 
@@ -22,13 +23,17 @@ int bench_ablation(int argc, char** argv);
 Scene held_out_scene(const std::filesystem::path& run, int most_views,
                      std::optional<int> downscale = {});
 
+// What pictures are compared with: everything that leaves work out is off, and products are taken
+// in f32.
+RenderOptions every_skip_off();
+
 // Finds out where a paper method's model is empty, as if many pictures were to come. Returns how
 // many seconds that took; nothing of other models and where no picture could skip more for it.
 std::optional<double> bake(RadianceField& field, ThreadPool& pool);
 
-// Renders the held-out views of a run (`views` of them, spread evenly; 0: all) with and without
-// everything that rendering leaves out and prints how long it took and how much they differ, from
-// each other and in PSNR against their photos. Masked-out pixels count nowhere.
+// Renders the held-out views of a run (`views` of them, spread evenly; 0: all) as usual and with
+// every_skip_off() and prints how long it took and how much they differ, from each other and in
+// PSNR against their photos. Masked-out pixels count nowhere.
 void compare_rendering(const std::filesystem::path& run, int views, int threads,
                        std::optional<int> downscale = {});
 

@@ -29,9 +29,8 @@ struct KernelBenchOptions {
     v("seconds", seconds, "length of each measurement, whose repetitions' median counts", above(0),
       at_most(3600));
     v("filter", filter, "only kernels whose name contains this", metavar("TEXT"));
-    v("threads", threads,
-      "the most threads, measured beside one and two; 0 takes all processors", at_least(0),
-      at_most(1024));
+    v("threads", threads, "the most threads, measured beside one and two; 0 takes all processors",
+      at_least(0), at_most(1024));
     v("stream_mb", stream_mb,
       "array that the memory's bandwidth is read from, MB; far larger than the caches", at_least(1),
       at_most(1 << 16));

@@ -85,8 +85,9 @@ ErrorCurve quadrature_curve(const ErrorBenchOptions& options, ThreadPool& pool);
 ErrorCurve training_curve(const ErrorBenchOptions& options, std::filesystem::path& last_run);
 
 // Seconds of a picture against its difference from the picture with every skip off, for each
-// switch of RenderOptions alone and for all together, on the held-out views of a run. A setting that
-// does the same work and shows the same pictures as one before it is named in the text instead.
+// switch of RenderOptions alone and for all together, on the held-out views of a run. A setting
+// that does the same work and shows the same pictures as one before it is named in the text
+// instead.
 ErrorCurve skips_curve(const ErrorBenchOptions& options, const std::filesystem::path& run,
                        ThreadPool& pool);
 

@@ -37,14 +37,6 @@ RadianceField without_occupancy(const RadianceField& field) {
   return RadianceField(field.info(), std::move(grid));
 }
 
-// Everything that can be switched off is.
-RenderOptions every_skip_off() {
-  RenderOptions o;
-  o.skip_nothing();
-  o.precision = Precision::kF32;
-  return o;
-}
-
 // In falling order, the value among them that rendering has where nothing is said.
 std::vector<Real> with_usual(std::vector<Real> values, Real usual) {
   if (std::ranges::find(values, usual) == values.end()) values.push_back(usual);

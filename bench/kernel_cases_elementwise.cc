@@ -64,9 +64,7 @@ std::vector<KernelCase> elementwise_cases() {
       elementwise("ReLU backward", 3,
                   [](A& a) { relu_backward(1, a.rectified.data(), a.b.data(), n, n); }),
       elementwise("transpose, 16 rows", 2 * kRows,
-                  [](A& a) {
-                    transpose(n, kRows, a.rows.data(), n, a.turned.data(), kRows);
-                  }),
+                  [](A& a) { transpose(n, kRows, a.rows.data(), n, a.turned.data(), kRows); }),
       elementwise("sine and cosine forward, damped", 4,
                   [](A& a) {
                     sine_cosine_forward(n, a.a.data(), a.variance.data(), 64, 1, a.out.data(),

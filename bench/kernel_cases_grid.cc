@@ -143,7 +143,8 @@ KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward, 
 }
 
 // The marks of the default grid's rows, of which every fourth (at random) is set, listed level by
-// level as in a training step: a mark is read, and where it is set it is cleared and the row listed.
+// level as in a training step: a mark is read, and where it is set it is cleared and the row
+// listed.
 struct MarkedRows {
   MarkedRows() : shape(shape_of(GridOptions().log2_entries)), pattern(shape.rows) {
     Random random(7, 9, 0);

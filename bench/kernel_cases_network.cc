@@ -235,8 +235,7 @@ struct PackedNetwork {
     const bool bf16 = precision == Precision::kBf16;
     double sum = 0;
     for (const LinearWeights& w : layers) {
-      const int64_t pack =
-          bf16 ? packed_layer_size(w.in, w.out) : linear_pack_size(w.in, w.out);
+      const int64_t pack = bf16 ? packed_layer_size(w.in, w.out) : linear_pack_size(w.in, w.out);
       if (pack > 0)
         sum += static_cast<double>(w.parameters()) * sizeof(Real) +
                static_cast<double>(pack) * (bf16 ? sizeof(uint16_t) : sizeof(Real));
@@ -316,8 +315,7 @@ std::vector<KernelCase> network_cases() {
                        Unit::kFlops, kBoundFma, make(Precision::kF32), make(Precision::kBf16)});
     }
   for (const auto& n : networks)
-    if (KernelCase packing = packing_case(n.name, n.widths);
-        packing.make || !bf16_units().empty())
+    if (KernelCase packing = packing_case(n.name, n.widths); packing.make || !bf16_units().empty())
       cases.push_back(std::move(packing));
   return cases;
 }

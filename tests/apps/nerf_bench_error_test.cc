@@ -76,7 +76,8 @@ bool differ(const Row& a, const Row& b) {
 void expect_all_differ(const std::vector<Row>& rows) {
   for (size_t i = 0; i < rows.size(); ++i)
     for (size_t j = 0; j < i; ++j)
-      EXPECT_TRUE(differ(rows[i], rows[j])) << rows[i].at("setting") << ", " << rows[j].at("setting");
+      EXPECT_TRUE(differ(rows[i], rows[j]))
+          << rows[i].at("setting") << ", " << rows[j].at("setting");
 }
 
 TEST(Quadrature, ConvergesToTheClosedForm) {
@@ -131,8 +132,8 @@ TEST(NerfBenchError, QuadratureErrorsFallAtTheirOrder) {
   EXPECT_TRUE(fs::exists(folder.path() / "report.html"));
 
   // A row's command gives that row again, and no other.
-  expect_own_filters(
-      rows, [](const Row& row) { return row.at("medium") + ", " + row.at("sampling"); });
+  expect_own_filters(rows,
+                     [](const Row& row) { return row.at("medium") + ", " + row.at("sampling"); });
   const std::vector<std::vector<std::string>> commands = commands_of(rows);
   int taken = 0;
   for (size_t i = 0; i < rows.size(); ++i) {
@@ -207,7 +208,8 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   expect_all_differ(skip_rows);
   std::vector<std::string> expected = {off, off + ", empty cells too"};
   if (bf16_unit() != Bf16Unit::kNone) expected.push_back("bf16");
-  const auto expect_series = [&](const std::string& series, const std::vector<std::string>& values) {
+  const auto expect_series = [&](const std::string& series,
+                                 const std::vector<std::string>& values) {
     for (const std::string& value : values) expected.push_back(series + " " + value);
   };
   expect_series("unshaded", {"1/1024", "1/256", "1/64"});
@@ -254,14 +256,38 @@ TEST(NerfBenchError, SkipsOfAPapersMethodAreThoseOfItsBakedCache) {
   const fs::path run = folder.path() / "run", out = folder.path() / "error";
   const auto skips = [&](const std::string& method, const std::string& steps,
                          const std::string& networks) {
-    const ProgramResult trained = run_program(
-        NERF_TRAIN_PROGRAM,
-        {(folder.path() / "capture").string(), "-o", run.string(), "--overwrite", "--method",
-         method, "--scale", "tiny", "--steps", steps, "--eval-every", "0", "--rate", "5e-3",
-         networks, "--network-depth", "2", "--network-width", "16",
-         "--network-bottleneck", "16", "--network-view-width", "16", "--network-position-degrees",
-         "4", "--network-sampling-coarse", "16", "--network-sampling-fine", "16", "--recipe-rays",
-         "96"});
+    const ProgramResult trained =
+        run_program(NERF_TRAIN_PROGRAM, {(folder.path() / "capture").string(),
+                                         "-o",
+                                         run.string(),
+                                         "--overwrite",
+                                         "--method",
+                                         method,
+                                         "--scale",
+                                         "tiny",
+                                         "--steps",
+                                         steps,
+                                         "--eval-every",
+                                         "0",
+                                         "--rate",
+                                         "5e-3",
+                                         networks,
+                                         "--network-depth",
+                                         "2",
+                                         "--network-width",
+                                         "16",
+                                         "--network-bottleneck",
+                                         "16",
+                                         "--network-view-width",
+                                         "16",
+                                         "--network-position-degrees",
+                                         "4",
+                                         "--network-sampling-coarse",
+                                         "16",
+                                         "--network-sampling-fine",
+                                         "16",
+                                         "--recipe-rays",
+                                         "96"});
     EXPECT_EQ(trained.exit_code, 0) << trained.err;
     const ProgramResult result =
         run_program(NERF_BENCH_PROGRAM, {"error", "--curves", "skips", "--run", run.string(),

@@ -43,6 +43,7 @@ TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
   // The model that is rendered is that of the largest budget; both held-out views are.
   EXPECT_NE(result.out.find("rendering 2 held-out views of m0.02_s1, 32x32"), std::string::npos)
       << result.out;
+  EXPECT_NE(result.out.find("with every skip off, in f32, "), std::string::npos) << result.out;
   EXPECT_NE(result.out.find("largest difference of PSNR"), std::string::npos) << result.out;
 
   // The same again from the run's folder alone, of one view at half the size.

@@ -54,7 +54,7 @@ TEST(TrainOptionsText, WhatTheGridAloneReadsIsNotUsedByAPapersMethod) {
     EXPECT_EQ(unused[0], option_flag(field) + " is not used by --method nerf");
     ++grid_alone;
   }
-  EXPECT_EQ(grid_alone, 18);
+  EXPECT_EQ(grid_alone, 20);
 }
 
 TEST(TrainOptionsText, OneColourOfARayIsNotShared) {
@@ -63,9 +63,9 @@ TEST(TrainOptionsText, OneColourOfARayIsNotShared) {
   const std::set<std::string> both = {"shared_colour", "stop_transmittance"};
   EXPECT_TRUE(apps::unused_options(command, both, scene).empty());
   command.train.shared_colour = 0;
-  EXPECT_EQ(apps::unused_options(command, both, scene),
-            std::vector<std::string>{
-                "--stop-transmittance is not used: no samples share a colour"});
+  EXPECT_EQ(
+      apps::unused_options(command, both, scene),
+      std::vector<std::string>{"--stop-transmittance is not used: no samples share a colour"});
   command.train.grid.colour_per_ray = true;
   EXPECT_EQ(apps::unused_options(command, both, scene).size(), 2u);
   command.train.shared_colour = 0.25;

@@ -160,6 +160,30 @@ TEST(Render, CountsTheWorkThatEachSwitchSaves) {
   EXPECT_LT(work(spread).density_evaluations, cached.density_evaluations);
 }
 
+// Whatever the march stopped at in training.
+TEST(Render, TheCachesStopIsTheOptionsAlone) {
+  const RadianceField field = homogeneous_field(Similarity(), /*half_empty=*/false, 200);
+  const auto [camera, pose] = looking_at_the_medium();
+  ThreadPool pool(2);
+  std::vector<int64_t> segments;  // of each stop
+  for (const Real trained : {1e-4_r, 0.0_r, 0.5_r}) {
+    auto grid = std::make_shared<GridField>(field.grid());
+    grid->options.sampler.min_transmittance = trained;
+    const RadianceField same(field.info(), grid);
+    std::vector<int64_t> now;
+    for (const Real stop : {0.0_r, 1e-6_r, 1e-4_r, 1e-2_r}) {
+      RenderOptions options;
+      options.min_transmittance = stop;
+      now.push_back(render(same, camera, pose, options, pool).statistics.segments);
+      if (now.size() > 1) {
+        EXPECT_LT(now.back(), now[now.size() - 2]) << trained << ' ' << stop;
+      }
+    }
+    if (segments.empty()) segments = now;
+    EXPECT_EQ(now, segments) << trained;
+  }
+}
+
 // Density 1 per engine unit is `scale` per input unit, whatever the direction; sigmoid(0) is a
 // half.
 TEST(Query, GivesDensityPerInputUnitAndNoneOutside) {

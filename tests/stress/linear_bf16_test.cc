@@ -18,13 +18,6 @@ namespace {
 using Floats = std::vector<float>;  // what the units know
 constexpr double kTiny = std::numeric_limits<float>::min();
 
-// A number of random sign and of any power of ten in [low, high], 0 at times.
-Real any_size(Random& random, double low, double high) {
-  if (random.uniform() < 0.05_r) return random.uniform() < 0.5_r ? 0.0_r : -0.0_r;
-  const double v = std::pow(10.0, uniform(random, low, high));
-  return static_cast<Real>(random.uniform() < 0.5_r ? v : -v);
-}
-
 // Powers of ten, whose products stay below the largest float, summed over any layer here.
 struct Sizes {
   double w_low, w_high, x_low, x_high;
