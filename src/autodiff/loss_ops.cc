@@ -33,7 +33,7 @@ struct Charbonnier {
   // 0 where both squares are below the smallest number, as of an error of 0 and a tiny epsilon.
   Real slope(Real e) const {
     const Real v = value(e);
-    return v > 0 ? e / v : 0;
+    return v == 0 ? 0 : e / v;
   }
 };
 

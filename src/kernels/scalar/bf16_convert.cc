@@ -1,15 +1,18 @@
 #include <bit>
-#include <cmath>
 
 #include "nerf/kernels/bf16.h"
-#include "nerf/math/reference/bf16.h"
 
 namespace nerf {
 
+// Integers alone: flushed denormals change nothing.
 void round_to_bf16(int64_t n, const float* x, uint16_t* out) {
   for (int64_t i = 0; i < n; ++i) {
-    const uint32_t bits = std::bit_cast<uint32_t>(reference::nearest_bf16(x[i])) >> 16;
-    out[i] = static_cast<uint16_t>(std::isnan(x[i]) ? bits | 0x0040u : bits);  // made quiet
+    const uint32_t u = std::bit_cast<uint32_t>(x[i]);
+    const uint32_t magnitude = u & 0x7fffffffu;
+    uint32_t nearest = (u + 0x7fffu + (u >> 16 & 1)) >> 16;
+    if (magnitude < 0x00800000u) nearest = u >> 16 & 0x8000u;    // below the normal numbers
+    if (magnitude > 0x7f800000u) nearest = (u >> 16) | 0x0040u;  // not a number, made quiet
+    out[i] = static_cast<uint16_t>(nearest);
   }
 }
 
