@@ -94,8 +94,7 @@ void GridTrainer::initialise() {
       const Vec3 centre = field.occupancy.cell_corner(i, c) + Vec3{0.5_r * w, 0.5_r * w, 0.5_r * w};
       if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
     }
-  switch_off_impossible_cells(scene, photos, options.keep_unseen, options.keep_transparent, pool,
-                              field.occupancy);
+  switch_off_impossible_cells(scene, photos, options, pool, field.occupancy);
   field.occupancy.rebuild(static_cast<Real>(options.occupancy_threshold), &pool);
   pack();
 }

@@ -101,22 +101,23 @@ Sight look(const Eye& eye, AlphaTable* alpha, const Vec3d& centre, double radius
 
 }  // namespace
 
-void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, bool keep_unseen,
-                                 bool keep_transparent, ThreadPool& pool, OccupancyGrid& grid) {
+void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
+                                 const TrainOptions& options, ThreadPool& pool,
+                                 OccupancyGrid& grid) {
   std::vector<Eye> eyes;
   for (int v : scene.train)
     eyes.push_back(make_eye(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose),
                             photos.cameras[static_cast<size_t>(v)]));
   std::vector<AlphaTable> tables;
-  if (scene.alpha && !keep_transparent)
+  if (scene.alpha && !options.keep_transparent)
     for (int v : scene.train) tables.emplace_back(photos.photos[static_cast<size_t>(v)]);
 
-  if (keep_unseen && tables.empty()) return;
+  if (options.keep_unseen && tables.empty()) return;
   const auto possible = [&](const Vec3& corner, Real width) {
     const double half = 0.5 * width;
     const Vec3d centre = corner.cast<double>() + Vec3d{half, half, half};
     const double radius = half * std::sqrt(3.0);
-    bool seen = keep_unseen;
+    bool seen = options.keep_unseen;
     for (size_t e = 0; e < eyes.size(); ++e) {
       const Sight sight = look(eyes[e], tables.empty() ? nullptr : &tables[e], centre, radius);
       if (sight == Sight::kTransparent) return false;

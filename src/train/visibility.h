@@ -5,13 +5,15 @@
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
 #include "nerf/parts/occupancy.h"
+#include "nerf/train/trainer.h"
 
 namespace nerf {
 
-// Switches off the cells that no training camera sees (unless `keep_unseen`), and with alpha those
-// outside the visual hull (unless `keep_transparent`): what some photo shows as wholly transparent
-// is empty (the footprint of a cell is taken generously).
-void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos, bool keep_unseen,
-                                 bool keep_transparent, ThreadPool& pool, OccupancyGrid& grid);
+// Switches off the cells that no training camera sees (unless options.keep_unseen), and with alpha
+// those outside the visual hull (unless options.keep_transparent): what some photo shows as wholly
+// transparent is empty (the footprint of a cell is taken generously).
+void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
+                                 const TrainOptions& options, ThreadPool& pool,
+                                 OccupancyGrid& grid);
 
 }  // namespace nerf
