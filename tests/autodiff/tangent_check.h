@@ -89,4 +89,18 @@ void check_tangents(const std::string& name, int rows, double range,
                  {rows, Domain::kSamples, true}, layers, record, f, roundings);
 }
 
+// Products and sums of the halves of four rows, on a tape and on its columns.
+inline WithTangents products_and_sums(Tape& t, const WithTangents& x) {
+  const WithTangents a = slice(t, x, 0, 2), b = slice(t, x, 2, 2);
+  return concat(t, multiply(t, a, b), add(t, scale_shift(t, a, -1.5_r, 0.25_r), b));
+}
+template <class D>
+Columns<D> products_and_sums_of(const Columns<D>& x) {
+  Columns<D> out;
+  for (const auto& c : x)
+    out.push_back({c[0] * c[2], c[1] * c[3], D(-1.5) * c[0] + D(0.25) + c[2],
+                   D(-1.5) * c[1] + D(0.25) + c[3]});
+  return out;
+}
+
 }  // namespace nerf

@@ -40,18 +40,8 @@ TEST(Tangents, OfActivations) {
 TEST(Tangents, OfProductsAndSums) {
   check_tangents(
       "tangent_product", 4, 2, {},
-      [](Tape& t, const WithTangents& x) {
-        const WithTangents a = slice(t, x, 0, 2), b = slice(t, x, 2, 2);
-        return concat(t, multiply(t, a, b), add(t, scale_shift(t, a, -1.5_r, 0.25_r), b));
-      },
-      []<class D>(const Columns<D>& x, const std::vector<D>&) {
-        Columns<D> out;
-        for (const auto& c : x)
-          out.push_back({c[0] * c[2], c[1] * c[3], D(-1.5) * c[0] + D(0.25) + c[2],
-                         D(-1.5) * c[1] + D(0.25) + c[3]});
-        return out;
-      },
-      20);
+      [](Tape& t, const WithTangents& x) { return products_and_sums(t, x); },
+      [](const auto& x, const auto&) { return products_and_sums_of(x); }, 20);
 }
 
 TEST(Tangents, OfEncodings) {

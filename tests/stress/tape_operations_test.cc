@@ -243,18 +243,8 @@ TEST(StressTape, TangentsOfEveryMagnitude) {
         of_each([](const auto& x) { return reference::relu(x); }), 4);
     check(
         "product", 4, 15, low, high,
-        [](Tape& t, const WithTangents& x) {
-          const WithTangents a = slice(t, x, 0, 2), b = slice(t, x, 2, 2);
-          return concat(t, multiply(t, a, b), add(t, scale_shift(t, a, -1.5_r, 0.25_r), b));
-        },
-        []<class D>(const Columns<D>& x, const std::vector<D>&) {
-          Columns<D> out;
-          for (const auto& c : x)
-            out.push_back({c[0] * c[2], c[1] * c[3], D(-1.5) * c[0] + D(0.25) + c[2],
-                           D(-1.5) * c[1] + D(0.25) + c[3]});
-          return out;
-        },
-        20);
+        [](Tape& t, const WithTangents& x) { return products_and_sums(t, x); },
+        [](const auto& x, const auto&) { return products_and_sums_of(x); }, 20);
     for (const double numbers : {0.0, 5.0}) {
       static const std::vector<Real> weights(12, 1.0_r);
       check(
