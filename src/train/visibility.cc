@@ -1,58 +1,67 @@
 #include "train/visibility.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
+#include <span>
+#include <utility>
 #include <vector>
 
 namespace nerf {
 
 namespace {
 
+// What a photo says of a square of its pixels.
+enum class Matter { kNone, kSomewhere, kEverywhere };
+
 // Sums of "alpha > 0" over rectangles of a photo, at a quarter of its resolution.
 class AlphaTable {
  public:
   static constexpr int kReduce = 4;
 
+  AlphaTable() = default;
   explicit AlphaTable(const Photo& photo)
       : width_((photo.width + kReduce - 1) / kReduce),
         height_((photo.height + kReduce - 1) / kReduce),
         sums_(static_cast<size_t>(width_ + 1) * static_cast<size_t>(height_ + 1)) {
-    std::vector<uint8_t> any(static_cast<size_t>(width_) * static_cast<size_t>(height_));
-    for (int y = 0; y < photo.height; ++y)
-      for (int x = 0; x < photo.width; ++x) {
-        Real rgba[4];
-        photo.pixel(x, y, rgba);
-        // A masked-out pixel says nothing: it may be anything.
-        if (rgba[3] > 0 || photo.masked_out(x, y))
-          any[static_cast<size_t>(y / kReduce) * static_cast<size_t>(width_) +
-              static_cast<size_t>(x / kReduce)] = 1;
-      }
-    for (int y = 0; y < height_; ++y)
+    std::vector<uint8_t> any(static_cast<size_t>(width_));
+    for (int y = 0; y < height_; ++y) {
+      std::ranges::fill(any, uint8_t{0});
+      for (int v = kReduce * y; v < std::min(kReduce * (y + 1), photo.height); ++v)
+        for (int u = 0; u < photo.width; ++u)
+          // A masked-out pixel says nothing: it may be anything.
+          any[static_cast<size_t>(u / kReduce)] |=
+              !photo.transparent(u, v) || photo.masked_out(u, v);
       for (int x = 0; x < width_; ++x)
-        at(x + 1, y + 1) =
-            any[static_cast<size_t>(y) * static_cast<size_t>(width_) + static_cast<size_t>(x)] +
-            at(x, y + 1) + at(x + 1, y) - at(x, y);
+        at(x + 1, y + 1) = any[static_cast<size_t>(x)] + at(x, y + 1) + at(x + 1, y) - at(x, y);
+    }
   }
 
-  // Whether the square of the given half-width (full-size pixels) holds no opaque pixel and lies
-  // inside the photo.
-  bool transparent(double x, double y, double half) {
+  // Of the square of the given half-width (full-size pixels); kSomewhere where it is not all inside
+  // the photo.
+  Matter matter(double x, double y, double half) const {
     // In double first: what is far outside has no place in an int.
     if (!(x - half >= 0 && y - half >= 0 && x + half < double{kReduce} * width_ &&
           y + half < double{kReduce} * height_))
-      return false;
+      return Matter::kSomewhere;
     const int x0 = static_cast<int>(std::floor((x - half) / kReduce));
     const int y0 = static_cast<int>(std::floor((y - half) / kReduce));
     const int x1 = static_cast<int>(std::floor((x + half) / kReduce)) + 1;
     const int y1 = static_cast<int>(std::floor((y + half) / kReduce)) + 1;
-    return at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0) == 0;
+    const int32_t sum = at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0);
+    return sum == 0                       ? Matter::kNone
+           : sum == (x1 - x0) * (y1 - y0) ? Matter::kEverywhere
+                                          : Matter::kSomewhere;
   }
 
  private:
-  int32_t& at(int x, int y) {
-    return sums_[static_cast<size_t>(y) * static_cast<size_t>(width_ + 1) + static_cast<size_t>(x)];
+  size_t place(int x, int y) const {
+    return static_cast<size_t>(y) * static_cast<size_t>(width_ + 1) + static_cast<size_t>(x);
   }
-  int width_, height_;
+  int32_t& at(int x, int y) { return sums_[place(x, y)]; }
+  int32_t at(int x, int y) const { return sums_[place(x, y)]; }
+  int width_ = 0, height_ = 0;
   std::vector<int32_t> sums_;
 };
 
@@ -79,25 +88,114 @@ Eye make_eye(const Pose& pose, const Camera& camera) {
   return eye;
 }
 
-enum class Sight { kOutside, kMatterPossible, kTransparent };
+// What an eye says of a ball: outside its picture; wholly transparent; in front of matter all over,
+// so that it will never say transparent of a part; or none of these.
+enum class Sight { kOutside, kTransparent, kOpaque, kUndecided };
 
-// What an eye says of a ball: outside its picture, possibly matter, or wholly transparent.
-Sight look(const Eye& eye, AlphaTable* alpha, const Vec3d& centre, double radius) {
+Sight look(const Eye& eye, const AlphaTable* alpha, const Vec3d& centre, double radius) {
   const Vec3d p = eye.to_camera * centre;
   const double distance = length(p);
-  if (distance <= radius) return Sight::kMatterPossible;
+  if (distance <= radius) return Sight::kUndecided;
   // Angle to the axis against the cone's half-angle widened by the ball's own.
   const double sin_ball = radius / distance;
   const double cos_ball = std::sqrt(1 - sin_ball * sin_ball);
   const double cos_wide = eye.cos_half * cos_ball - eye.sin_half * sin_ball;
   if (eye.cos_half > 0 && p.z / distance < cos_wide) return Sight::kOutside;
-  if (!alpha || p.z <= radius) return Sight::kMatterPossible;
+  if (!alpha || p.z <= radius) return Sight::kUndecided;
   const auto pixel = project(*eye.camera, p);
-  if (!pixel) return Sight::kMatterPossible;
+  if (!pixel) return Sight::kUndecided;
   const double half = 1.5 * radius * eye.pixels_per_radian / (p.z - radius) + 1;
-  return alpha->transparent(pixel->x, pixel->y, half) ? Sight::kTransparent
-                                                      : Sight::kMatterPossible;
+  switch (alpha->matter(pixel->x, pixel->y, half)) {
+    case Matter::kNone:
+      return Sight::kTransparent;
+    case Matter::kEverywhere:
+      return Sight::kOpaque;
+    case Matter::kSomewhere:
+      break;
+  }
+  return Sight::kUndecided;
 }
+
+// Goes from cubes of cells to their halves, down to single cells where alpha can tell them apart
+// and else to bricks. A half's ball lies inside its cube's, so that an eye which the cube is
+// outside of, or all over matter to, has nothing to say of its halves.
+class Carver {
+ public:
+  static constexpr int kSide =
+      16;  // of the cubes to begin with: what a grid's side is a multiple of
+
+  // tables: of each eye, or none.
+  Carver(std::span<const Eye> eyes, std::span<const AlphaTable> tables, bool keep_unseen,
+         int cascade, OccupancyGrid& grid)
+      : eyes_(eyes),
+        tables_(tables),
+        keep_unseen_(keep_unseen),
+        cascade_(cascade),
+        last_(tables.empty() ? 4 : 1),
+        grid_(grid) {}
+
+  void carve(const std::array<int, 3>& at) {
+    std::vector<int> all(eyes_.size());
+    std::iota(all.begin(), all.end(), 0);
+    carve(at, kSide, all, keep_unseen_, 0);
+  }
+
+ private:
+  // Of the cube of `side` cells from `at` on, which the eyes of `asked` are yet to judge; `seen`:
+  // some other eye sees all of it. Returns the eye's place in `asked` that finds it transparent, or
+  // -1.
+  int carve(const std::array<int, 3>& at, int side, std::span<const int> asked, bool seen,
+            size_t level) {
+    const Real w = grid_.cell_width(cascade_);
+    const double half = 0.5 * side * w;
+    const Vec3d centre =
+        grid_.cell_corner(grid_.cell_at(at), cascade_).cast<double>() + Vec3d{half, half, half};
+    const double radius = half * std::sqrt(3.0);
+    std::vector<int>& undecided = undecided_[level];
+    undecided.clear();
+    for (size_t i = 0; i < asked.size(); ++i) {
+      const size_t e = static_cast<size_t>(asked[i]);
+      switch (look(eyes_[e], tables_.empty() ? nullptr : &tables_[e], centre, radius)) {
+        case Sight::kOutside:
+          break;
+        case Sight::kTransparent:
+          switch_off(at, side);
+          return static_cast<int>(i);
+        case Sight::kOpaque:
+          seen = true;
+          break;
+        case Sight::kUndecided:
+          undecided.push_back(asked[i]);
+          if (tables_.empty() && side == last_) return -1;
+          break;
+      }
+    }
+    if (undecided.empty() && !seen) switch_off(at, side);
+    if (undecided.empty() || side == last_) return -1;
+    const int h = side / 2;
+    for (int i = 0; i < 8; ++i) {
+      const int by = carve({at[0] + (i & 1) * h, at[1] + (i >> 1 & 1) * h, at[2] + (i >> 2) * h}, h,
+                           undecided, seen, level + 1);
+      // What one half is transparent to, the next may be as well.
+      if (by > 0) std::swap(undecided[0], undecided[static_cast<size_t>(by)]);
+    }
+    return -1;
+  }
+
+  void switch_off(const std::array<int, 3>& at, int side) {
+    for (int z = at[2]; z < at[2] + side; ++z)
+      for (int y = at[1]; y < at[1] + side; ++y)
+        for (int x = at[0]; x < at[0] + side; ++x)
+          grid_.switch_off(cascade_, grid_.cell_at({x, y, z}));
+  }
+
+  std::span<const Eye> eyes_;
+  std::span<const AlphaTable> tables_;
+  bool keep_unseen_;
+  int cascade_, last_;
+  OccupancyGrid& grid_;
+  std::array<std::vector<int>, 5> undecided_;  // of cubes of 16, 8, 4, 2 and 1 cells
+};
 
 }  // namespace
 
@@ -109,34 +207,22 @@ void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
     eyes.push_back(make_eye(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose),
                             photos.cameras[static_cast<size_t>(v)]));
   std::vector<AlphaTable> tables;
-  if (scene.alpha && !options.keep_transparent)
-    for (int v : scene.train) tables.emplace_back(photos.photos[static_cast<size_t>(v)]);
-
+  if (scene.alpha && !options.keep_transparent) {
+    tables.resize(eyes.size());
+    pool.parallel_for(static_cast<int64_t>(tables.size()), [&](int64_t i) {
+      const size_t v = static_cast<size_t>(scene.train[static_cast<size_t>(i)]);
+      tables[static_cast<size_t>(i)] = AlphaTable(photos.photos[v]);
+    });
+  }
   if (options.keep_unseen && tables.empty()) return;
-  const auto possible = [&](const Vec3& corner, Real width) {
-    const double half = 0.5 * width;
-    const Vec3d centre = corner.cast<double>() + Vec3d{half, half, half};
-    const double radius = half * std::sqrt(3.0);
-    bool seen = options.keep_unseen;
-    for (size_t e = 0; e < eyes.size(); ++e) {
-      const Sight sight = look(eyes[e], tables.empty() ? nullptr : &tables[e], centre, radius);
-      if (sight == Sight::kTransparent) return false;
-      seen |= sight == Sight::kMatterPossible;
-      if (seen && tables.empty()) return true;
-    }
-    return seen;
-  };
 
-  const int64_t bricks = grid.cells() / 64;
-  pool.parallel_for(grid.cascades() * bricks, [&](int64_t i) {
-    const int c = static_cast<int>(i / bricks);
-    const int64_t first = i % bricks * 64;
-    const Real w = grid.cell_width(c);
-    const bool brick = possible(grid.cell_corner(first, c), 4 * w);
-    for (int64_t cell = first; cell < first + 64; ++cell)
-      // Single cells only where alpha can tell them apart.
-      if (!brick || (!tables.empty() && !possible(grid.cell_corner(cell, c), w)))
-        grid.switch_off(c, cell);
+  const int cubes = grid.side() / Carver::kSide;
+  const int64_t cubes_of_cascade = int64_t{cubes} * cubes * cubes;
+  pool.parallel_for(grid.cascades() * cubes_of_cascade, [&](int64_t i) {
+    const int at = static_cast<int>(i % cubes_of_cascade);
+    Carver(eyes, tables, options.keep_unseen, static_cast<int>(i / cubes_of_cascade), grid)
+        .carve({at % cubes * Carver::kSide, at / cubes % cubes * Carver::kSide,
+                at / cubes / cubes * Carver::kSide});
   });
 }
 

@@ -316,6 +316,29 @@ TEST_F(Photos, ProgressCountsUpOneAtATime) {
   EXPECT_THROW(load_photos(scene_, pool, [](int, int) { throw Error("enough"); }), Error);
 }
 
+// Of every alpha in either storage.
+TEST(Photo, TransparentIsAnAlphaNotAboveZero) {
+  Photo bytes, halves, opaque;
+  bytes.width = opaque.width = 16;
+  bytes.height = opaque.height = 16;
+  halves.width = halves.height = 256;
+  bytes.channels = halves.channels = 4;
+  for (size_t i = 0; i < 256; ++i) {
+    bytes.pixels8.insert(bytes.pixels8.end(), {9, 9, 9, static_cast<uint8_t>(i)});
+    opaque.pixels8.insert(opaque.pixels8.end(), {0, 0, 0});
+  }
+  for (size_t i = 0; i < 0x10000; ++i)
+    halves.pixels16.insert(halves.pixels16.end(),
+                           {0x3c00, 0x3c00, 0x3c00, static_cast<uint16_t>(i)});
+  for (const Photo* photo : {&bytes, &halves, &opaque})
+    for (int y = 0; y < photo->height; ++y)
+      for (int x = 0; x < photo->width; ++x) {
+        Real rgba[4];
+        photo->pixel(x, y, rgba);
+        ASSERT_EQ(photo->transparent(x, y), !(rgba[3] > 0)) << x << ' ' << y;
+      }
+}
+
 TEST(PhotoMemory, TooManyPhotosAreAnErrorThatSuggestsAScale) {
   internal::PhotoMemory memory;
   const ImageInfo photo{4000, 3000, 3, false};

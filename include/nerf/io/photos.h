@@ -31,6 +31,15 @@ struct Photo {
       __builtin_prefetch(pixels16.data() + at * c);
     if (!mask.empty()) __builtin_prefetch(mask.data() + at);
   }
+  // Whether the alpha of pixel() is not above 0.
+  bool transparent(int x, int y) const {
+    if (channels < 4) return false;
+    const size_t at =
+        (static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x)) * 4 + 3;
+    if (!pixels8.empty()) return pixels8[at] == 0;
+    constexpr uint16_t kInfinity = 0x7c00;  // above it: what is no number or negative
+    return pixels16[at] == 0 || pixels16[at] > kInfinity;
+  }
   bool masked_out(int x, int y) const {
     return !mask.empty() && mask[static_cast<size_t>(y) * width + x] == 0;
   }

@@ -59,10 +59,15 @@ class OccupancyGrid {
   // Cell of p, which cascade c must hold. Cells are stored brick by brick.
   int64_t cell_of(const Vec3& p, int cascade) const {
     const Real scale = 1.0_r / cell_width(cascade), half = static_cast<Real>(side_ / 2);
-    int at[3];
-    for (int i = 0; i < 3; ++i)
+    std::array<int, 3> at;
+    for (size_t i = 0; i < 3; ++i)
       at[i] =
-          std::clamp(floor_int(std::clamp(p[i] * scale, -half, half)) + side_ / 2, 0, side_ - 1);
+          std::clamp(floor_int(std::clamp(p[static_cast<int>(i)] * scale, -half, half)) + side_ / 2,
+                     0, side_ - 1);
+    return cell_at(at);
+  }
+  // Cell by its place along each axis, each in [0, side()).
+  int64_t cell_at(const std::array<int, 3>& at) const {
     const int64_t n = bricks();
     const int64_t brick = ((at[2] >> 2) * n + (at[1] >> 2)) * n + (at[0] >> 2);
     return brick * 64 + ((at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3));

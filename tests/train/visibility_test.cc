@@ -1,0 +1,160 @@
+// Which cells cannot hold matter, beside what geometry says of a sphere and the cameras around it.
+#include "train/visibility.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
+
+namespace nerf {
+namespace {
+
+constexpr int kSide = 64;
+
+OccupancyGrid carved(const test::SyntheticCapture& c, const TrainOptions& options = {},
+                     int threads = 2, int cascades = 1) {
+  OccupancyGrid grid(cascades, kSide);
+  ThreadPool pool(threads);
+  switch_off_impossible_cells(c.scene, c.photos, options, pool, grid);
+  return grid;
+}
+
+struct Ball {
+  Vec3d centre;
+  double radius;
+};
+
+// Around a cell, or around the cube of 4^3 cells whose first it is.
+Ball ball_of(const OccupancyGrid& grid, int64_t cell, int side = 1, int cascade = 0) {
+  const double half = 0.5 * side * grid.cell_width(cascade);
+  return {grid.cell_corner(cell, cascade).cast<double>() + Vec3d{half, half, half},
+          std::sqrt(3.0) * half};
+}
+
+double angle_between(const Vec3d& a, const Vec3d& b) {
+  return std::acos(std::clamp(dot(normalized(a), normalized(b)), -1.0, 1.0));
+}
+
+// The angle by which the ball is apart from the sphere, as view v sees both; as far below 0 as
+// they overlap.
+double apart(const test::SyntheticCapture& c, int v, const Ball& ball) {
+  const Vec3d eye = c.scene.views[static_cast<size_t>(v)].pose.translation;
+  const Vec3d to_ball = ball.centre - eye;
+  return angle_between(to_ball, -eye) - std::asin(test::kSphereRadius / length(eye)) -
+         std::asin(std::min(1.0, ball.radius / length(to_ball)));
+}
+
+// How far the ball's centre is inside the edges of view v's picture, at a depth of 1.
+double inside_picture(const test::SyntheticCapture& c, int v, const Ball& ball) {
+  const Vec3d p = c.scene.views[static_cast<size_t>(v)].pose.inverse() * ball.centre;
+  return p.z <= 0
+             ? -1
+             : std::tan(0.5 * test::kFieldOfView) - std::max(std::fabs(p.x), std::fabs(p.y)) / p.z;
+}
+
+TEST(Visibility, KeepsWhatEveryPhotoShows) {
+  const auto c = test::sphere_capture(24, 128);
+  const OccupancyGrid grid = carved(c);
+  int64_t inside = 0;
+  for (int64_t i = 0; i < grid.cells(); ++i) {
+    const Ball cell = ball_of(grid, i);
+    if (length(cell.centre) > test::kSphereRadius + 0.5 * grid.cell_width(0)) continue;
+    ++inside;
+    ASSERT_FALSE(grid.is_off(0, i)) << "cell " << i << " at " << length(cell.centre);
+  }
+  EXPECT_GT(inside, grid.cells() / 8);
+}
+
+// A cell's footprint is taken generously: half as large again, in blocks of four pixels, and one
+// more beside it. What a photo shows apart from the sphere by more than that is off.
+TEST(Visibility, SwitchesOffWhatSomePhotoShowsAsTransparent) {
+  constexpr int kSize = 256;
+  const auto c = test::sphere_capture(24, kSize);
+  const OccupancyGrid grid = carved(c);
+  // A pixel is widest, as an angle, in the middle of the picture; the ball's square has corners.
+  const double pixel = 2 * std::tan(0.5 * test::kFieldOfView) / kSize;
+  const double blocks = std::sqrt(2.0) * 5 * pixel;
+  int64_t clear = 0, off = 0;
+  for (int64_t i = 0; i < grid.cells(); ++i) {
+    const Ball cell = ball_of(grid, i);
+    off += grid.is_off(0, i);
+    const bool shown = std::ranges::any_of(c.scene.train, [&](int v) {
+      const Pose& pose = c.scene.views[static_cast<size_t>(v)].pose;
+      const double depth = (pose.inverse() * cell.centre).z;
+      const double margin =
+          blocks + 1.5 * std::sqrt(2.0) * cell.radius / std::max(depth - cell.radius, 1e-9);
+      return inside_picture(c, v, cell) > margin && apart(c, v, cell) > margin;
+    });
+    if (!shown) continue;
+    ++clear;
+    ASSERT_TRUE(grid.is_off(0, i)) << "cell " << i << " at " << length(cell.centre);
+  }
+  EXPECT_GT(clear, grid.cells() / 10);
+  EXPECT_GT(off, grid.cells() / 2);
+  EXPECT_LT(off, grid.cells() * 9 / 10);
+}
+
+TEST(Visibility, SwitchesOffBricksOutsideEveryPicture) {
+  auto c = test::sphere_capture(8, 32);
+  c.scene.train = {1, 2};
+  TrainOptions options;
+  options.keep_transparent = true;
+  constexpr int kCascades = 3;
+  const OccupancyGrid grid = carved(c, options, 2, kCascades);
+  int64_t seen = 0, unseen = 0;
+  for (int cascade = 0; cascade < kCascades; ++cascade)
+    for (int64_t i = 0; i < grid.cells(); i += 64) {
+      const Ball brick = ball_of(grid, i, 4, cascade);
+      bool some = false, none = true;
+      for (const int v : c.scene.train) {
+        const Pose& pose = c.scene.views[static_cast<size_t>(v)].pose;
+        const Vec3d p = pose.inverse() * brick.centre;
+        some |= inside_picture(c, v, brick) > 0;
+        // Outside the cone through the picture's corners.
+        const double corner = std::atan(std::sqrt(2.0) * std::tan(0.5 * test::kFieldOfView));
+        none &= length(p) > brick.radius &&
+                angle_between(p, {0, 0, 1}) > corner + std::asin(brick.radius / length(p)) + 1e-6;
+      }
+      for (int64_t cell = i; cell < i + 64; ++cell) {
+        if (some) {
+          ASSERT_FALSE(grid.is_off(cascade, cell));
+        }
+        if (none) {
+          ASSERT_TRUE(grid.is_off(cascade, cell));
+        }
+      }
+      seen += some;
+      unseen += none;
+    }
+  EXPECT_GT(seen, 500);
+  EXPECT_GT(unseen, 500);
+}
+
+TEST(Visibility, MaskedOutPixelsSayNothing) {
+  auto c = test::sphere_capture(8, 32);
+  for (Photo& photo : c.photos.photos) photo.mask.assign(static_cast<size_t>(32 * 32), 0);
+  TrainOptions unseen;
+  unseen.keep_transparent = true;
+  const OccupancyGrid masked = carved(c), grid = carved(c, unseen);
+  // Masked, single cells are asked for, which fewer eyes may see than see their brick.
+  int64_t off = 0;
+  for (int64_t i = 0; i < grid.cells(); ++i) {
+    off += grid.is_off(0, i);
+    if (!masked.is_off(0, i)) continue;
+    for (const int v : c.scene.train) ASSERT_LT(inside_picture(c, v, ball_of(grid, i)), 0) << i;
+  }
+  EXPECT_LT(off, grid.cells());
+}
+
+TEST(Visibility, SameForAnyNumberOfThreads) {
+  const auto c = test::sphere_capture(8, 64);
+  const OccupancyGrid one = carved(c, {}, 1), three = carved(c, {}, 3);
+  EXPECT_TRUE(std::ranges::equal(one.training_state(), three.training_state()));
+}
+
+}  // namespace
+}  // namespace nerf
