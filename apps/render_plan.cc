@@ -11,6 +11,7 @@
 #include "nerf/base/nearest_name.h"
 #include "nerf/base/text.h"
 #include "nerf/io/camera_path.h"
+#include "nerf/train/trainer.h"
 
 namespace nerf::apps {
 namespace {
@@ -126,6 +127,9 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
   RenderPlan plan;
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;
+  if (command.background && !info.alpha && info.method != kGridMethod)
+    plan.notes.emplace_back(
+        "--background is not used: this model is of photos without alpha, learnt before black");
   std::set<fs::path> used;
   bool stretched = false;
   for (const PathFrame& view : views.path.frames) {

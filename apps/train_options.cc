@@ -91,6 +91,14 @@ TrainCommand with_preset(const TrainCommand& command, const std::set<std::string
   const auto to = option_fields(out.train), from = option_fields(wanted);
   for (size_t i = 0; i < to.size(); ++i)
     if (given.contains(to[i].name)) to[i].set(from[i].get());
+  // Nor does it know that length while it begins.
+  NetworkRecipe& recipe = out.train.recipe;
+  if (command.minutes && recipe.anneal && recipe.anneal_steps == 0) {
+    if (given.contains("recipe.anneal_steps"))
+      throw Error("with --minutes it is not known how many steps there are",
+                  "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
+    recipe.anneal_steps = kAnnealSteps;
+  }
   return out;
 }
 
@@ -130,6 +138,12 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   if (given.contains("background") && !scene.alpha)
     out.push_back("--background is not used: the photos have no alpha");
   const bool grid = command.train.method == kGridMethod;
+  if (grid && given.contains("keep_transparent") && !scene.alpha)
+    out.push_back("--keep-transparent is not used: the photos have no alpha");
+  if (!grid && command.train.network.sampling.resampling != Resampling::kProposal &&
+      (given.contains("recipe.anneal") || given.contains("recipe.anneal_steps")))
+    out.push_back(
+        "--recipe-anneal and --recipe-anneal-steps are not used: only proposals are annealed");
   if (grid && given.contains("scale"))
     out.push_back("--scale is not used: the grid method has one preset");
   for (const std::string& name : given)

@@ -188,7 +188,7 @@ int bench_ablation(int argc, char** argv) {
                          "  nerf_bench ablation photos/lego --method nerf --downscale 4 -o "
                          "runs/ablation"};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
-  log_machine("nerf_bench ablation", options.threads, Precision::kAuto);
+  log_machine("nerf_bench ablation", ThreadPool(options.threads).size(), Precision::kAuto);
   make_writable_folder(options.out);
   const ErrorCurve curve = measure(options);
   write_curve(options.out, curve);

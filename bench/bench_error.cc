@@ -52,6 +52,10 @@ std::vector<int> ErrorBenchOptions::samples_list() const {
   return list;
 }
 
+std::string ErrorBenchOptions::out_again() const {
+  return shell_quoted((out.has_filename() ? out : out.parent_path()).string() + "_again");
+}
+
 std::vector<double> ErrorBenchOptions::minutes_list() const {
   return positive_numbers(minutes, "--minutes", "0.5,1,2");
 }
@@ -109,6 +113,8 @@ int bench_error(int argc, char** argv) {
                          "  nerf_bench error data/demo --downscale 2 -o runs/error\n"
                          "  nerf_bench error --curves skips --run runs/demo -o runs/error"};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
+  // What lacks for pictures shows before hours of training.
+  if (options.wants("skips") && !options.run.empty()) skips_scene(options, options.run);
   ThreadPool pool(options.threads);
   log_machine("nerf_bench error", pool.size(), Precision::kAuto);
   make_writable_folder(options.out);

@@ -124,7 +124,7 @@ class Drawing {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1}\" width=\"{0}\" "
         "height=\"{1}\" font-family=\"DejaVu Sans, Verdana, Arial, sans-serif\" font-size=\"12\" "
         "fill=\"#222222\">\n<rect width=\"{0}\" height=\"{1}\" fill=\"#ffffff\"/>\n",
-        kWidth, kHeight);
+        kWidth, std::max(kHeight, legend_at(chart_.series.size())));
     out_ += text_at(kLeft, 26, "start", chart_.title, "font-size=\"15\" font-weight=\"bold\"");
     axes();
     mark();
@@ -250,9 +250,11 @@ class Drawing {
                       "font-size=\"11\" " + style);
   }
 
+  static double legend_at(size_t series) { return kTop + 8 + 22 * static_cast<double>(series); }
+
   void legend() {
-    double y = kTop + 8;
-    for (size_t s = 0; s < chart_.series.size(); ++s, y += 22) {
+    for (size_t s = 0; s < chart_.series.size(); ++s) {
+      const double y = legend_at(s);
       if (chart_.series[s].line)
         line(kRight + 16, y, kRight + 42, y,
              fmt::format("stroke=\"{}\" stroke-width=\"2\"", kColours[s % kColours.size()]));

@@ -8,6 +8,7 @@
 #include "error_report.h"
 #include "nerf/base/options.h"
 #include "nerf/base/threads.h"
+#include "nerf/io/scene.h"
 #include "train_options.h"
 
 namespace nerf::apps {
@@ -51,11 +52,12 @@ struct ErrorBenchOptions {
       "has it");
     v("widths", widths, "width: widths of the networks, separated by commas");
     v("steps", steps, "width and switches: steps of each training", at_least(1));
-    v("split", split, "dev, or test for final figures");
-    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
+    v("split", split, "training, width and switches: dev, or test for final figures");
+    v("downscale", downscale, "training, width and switches: divides the photos' size", at_least(1),
+      at_most(64));
     v("views", views, "skips: held-out views, spread evenly; 0: all", at_least(0));
     v("repeats", repeats, "skips: renderings of each view, whose median time counts", at_least(1));
-    v("seed", seed, "of every random number");
+    v("seed", seed, "of every random number but skips', which draw none");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
     v("filter", filter,
       "quadrature, skips and switches: only rows whose name contains this; =NAME: the one of that "
@@ -71,6 +73,8 @@ struct ErrorBenchOptions {
     return name.find(filter) != std::string::npos;
   }
   std::vector<int> samples_list() const;
+  // For the commands of rows, as a shell reads it: the report's folder keeps what it has.
+  std::string out_again() const;
   std::vector<double> minutes_list() const;
   std::vector<int> tables_list() const;
   std::vector<int> widths_list() const;
@@ -83,6 +87,10 @@ ErrorCurve quadrature_curve(const ErrorBenchOptions& options, ThreadPool& pool);
 // Held-out PSNR against seconds of training, for each size of tables and precision. `last_run` gets
 // the folder of the largest tables' longest training.
 ErrorCurve training_curve(const ErrorBenchOptions& options, std::filesystem::path& last_run);
+
+// The capture of a run with the held-out views alone that skips_curve() renders. Throws Error where
+// there are none.
+Scene skips_scene(const ErrorBenchOptions& options, const std::filesystem::path& run);
 
 // Seconds of a picture against its difference from the picture with every skip off, for each
 // switch of RenderOptions alone and for all together, on the held-out views of a run. A setting

@@ -65,7 +65,7 @@ ErrorCurve quadrature_curve(const ErrorBenchOptions& options, ThreadPool& pool) 
              fmt::format("nerf_bench error --curves quadrature --samples {} --rays {} --seed {} "
                          "--filter {} -o {}",
                          n, options.rays, options.seed, shell_quoted("=" + name),
-                         shell_quoted(options.out.string()))});
+                         options.out_again())});
       }
       chart.series.push_back(std::move(series));
     }

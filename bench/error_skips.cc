@@ -171,10 +171,7 @@ class Skips {
   }
 
   ErrorCurve curve() {
-    const Scene scene = held_out_scene(run_, options_.views);
-    if (scene.views.empty())
-      throw Error("no photo was held out from this run", run_.string(),
-                  "give a run that was trained with --holdout split");
+    const Scene scene = skips_scene(options_, run_);
     const PhotoSet photos = load_photos(scene, pool_);
     const Vec3 background = evaluation_background(field_.info());
     for (Setting& s : settings_) s.options.background = background;
@@ -332,7 +329,7 @@ class Skips {
         "nerf_bench error --curves skips --run {} --views {} --repeats {} --filter {}{} -o {}",
         shell_quoted(run_.string()), options_.views, options_.repeats, shell_quoted("=" + s.name),
         options_.threads > 0 ? fmt::format(" --threads {}", options_.threads) : "",
-        shell_quoted(options_.out.string()));
+        options_.out_again());
   }
 
   const ErrorBenchOptions& options_;
@@ -345,6 +342,14 @@ class Skips {
 };
 
 }  // namespace
+
+Scene skips_scene(const ErrorBenchOptions& options, const std::filesystem::path& run) {
+  Scene scene = held_out_scene(run, options.views);
+  if (scene.views.empty())
+    throw Error("no photo was held out from this run", run.string(),
+                "give a run that was trained with --holdout split");
+  return scene;
+}
 
 ErrorCurve skips_curve(const ErrorBenchOptions& options, const std::filesystem::path& run,
                        ThreadPool& pool) {

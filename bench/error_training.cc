@@ -193,6 +193,7 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
   chart.title = fmt::format("PSNR after {} steps, one switch set otherwise", options.steps);
   chart.x = {"seconds of training", false, {}};
   chart.y = {"PSNR, dB", false, {}};
+  chart.series = {{"as it is", {}, false}, {"one switch", {}, false}};
   int count = 0;
   std::optional<ChildTraining> usual;
   for (const auto& s : switches) {
@@ -207,7 +208,8 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       continue;
     }
     if (s.options.empty()) usual = t;
-    chart.series.push_back({s.name, {{number(t, "seconds"), number(t, "psnr"), ""}}, false});
+    chart.series[s.options.empty() ? 0 : 1].points.push_back(
+        {number(t, "seconds"), number(t, "psnr"), s.name});
     curve.table.rows.push_back(row_of({s.name}, t));
   }
   curve.charts.push_back(std::move(chart));

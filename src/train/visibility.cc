@@ -22,7 +22,9 @@ class AlphaTable {
 
   AlphaTable() = default;
   explicit AlphaTable(const Photo& photo)
-      : width_((photo.width + kReduce - 1) / kReduce),
+      : photo_width_(photo.width),
+        photo_height_(photo.height),
+        width_((photo.width + kReduce - 1) / kReduce),
         height_((photo.height + kReduce - 1) / kReduce),
         sums_(static_cast<size_t>(width_ + 1) * static_cast<size_t>(height_ + 1)) {
     std::vector<uint8_t> any(static_cast<size_t>(width_));
@@ -42,8 +44,7 @@ class AlphaTable {
   // the photo.
   Matter matter(double x, double y, double half) const {
     // In double first: what is far outside has no place in an int.
-    if (!(x - half >= 0 && y - half >= 0 && x + half < double{kReduce} * width_ &&
-          y + half < double{kReduce} * height_))
+    if (!(x - half >= 0 && y - half >= 0 && x + half < photo_width_ && y + half < photo_height_))
       return Matter::kSomewhere;
     const int x0 = static_cast<int>(std::floor((x - half) / kReduce));
     const int y0 = static_cast<int>(std::floor((y - half) / kReduce));
@@ -61,7 +62,8 @@ class AlphaTable {
   }
   int32_t& at(int x, int y) { return sums_[place(x, y)]; }
   int32_t at(int x, int y) const { return sums_[place(x, y)]; }
-  int width_ = 0, height_ = 0;
+  int photo_width_ = 0, photo_height_ = 0;
+  int width_ = 0, height_ = 0;  // of the table
   std::vector<int32_t> sums_;
 };
 
@@ -73,8 +75,20 @@ struct Eye {
   double pixels_per_radian;   // an upper bound near the axis
 };
 
+// Some lenses spread the middle of their picture further than the focal length says.
+double pixels_per_radian_at_axis(const Camera& camera) {
+  double most = std::max(camera.fx(), camera.fy());
+  const auto axis = project(camera, {0, 0, 1});
+  if (!axis) return most;
+  constexpr double kStep = 1e-3;
+  for (const Vec3d& d : {Vec3d{kStep, 0, 1}, Vec3d{0, kStep, 1}})
+    if (const auto at = project(camera, d))
+      most = std::max(most, std::hypot(at->x - axis->x, at->y - axis->y) / kStep);
+  return most;
+}
+
 Eye make_eye(const Pose& pose, const Camera& camera) {
-  Eye eye{pose.inverse(), &camera, -1, 0, std::max(camera.fx(), camera.fy())};
+  Eye eye{pose.inverse(), &camera, -1, 0, pixels_per_radian_at_axis(camera)};
   double least = 1;
   for (int i = 0; i <= 8; ++i)
     for (int j = 0; j <= 8; ++j) {
@@ -104,7 +118,10 @@ Sight look(const Eye& eye, const AlphaTable* alpha, const Vec3d& centre, double 
   if (!alpha || p.z <= radius) return Sight::kUndecided;
   const auto pixel = project(*eye.camera, p);
   if (!pixel) return Sight::kUndecided;
-  const double half = 1.5 * radius * eye.pixels_per_radian / (p.z - radius) + 1;
+  // A pinhole's picture of a ball reaches radius / (cos(angle to the axis) (z - radius)) from that
+  // of its centre, at a depth of 1. Lenses may bend it a fifth further.
+  const double stretch = std::max(1.5, 1.2 * distance / p.z);
+  const double half = stretch * radius * eye.pixels_per_radian / (p.z - radius) + 1;
   switch (alpha->matter(pixel->x, pixel->y, half)) {
     case Matter::kNone:
       return Sight::kTransparent;

@@ -44,6 +44,9 @@ TEST(Chart, DrawsWhateverTheValuesAre) {
   EXPECT_NE(drawn().find("a &lt; b &amp; &quot;c&quot;"), std::string::npos);
   chart.series = {{"empty", {}, true}, {"one", {{5, 5, "<label>"}}, true}};
   EXPECT_NE(drawn().find("&lt;label&gt;"), std::string::npos);
+  // However many series there are.
+  chart.series.assign(40, {"one of many", {{5, 5, ""}}, true});
+  drawn();
   // Values that a logarithm has no place for are left out, the others drawn.
   chart.series = {{"some", {{0, 1, ""}, {1, 0, ""}, {2, 3, ""}, {4, NAN, ""}, {8, 1, ""}}, true}};
   drawn();

@@ -99,11 +99,12 @@ TEST(Quadrature, ConvergesToTheClosedForm) {
 
 TEST(NerfBenchError, QuadratureErrorsFallAtTheirOrder) {
   TempFolder folder;
+  const fs::path out = folder.path() / "curves";
   const ProgramResult result = run_program(
       NERF_BENCH_PROGRAM, {"error", "--curves", "quadrature", "--samples", "16,32,64,128,256",
-                           "--rays", "300", "-o", folder.path().string()});
+                           "--rays", "300", "-o", out.string() + "/"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  const std::vector<Row> rows = rows_of(folder.path() / "quadrature.csv");
+  const std::vector<Row> rows = rows_of(out / "quadrature.csv");
   ASSERT_EQ(rows.size(), 4u * 4 * 5);
   std::map<std::string, double> first, last;
   for (const Row& row : rows) {
@@ -128,10 +129,10 @@ TEST(NerfBenchError, QuadratureErrorsFallAtTheirOrder) {
     EXPECT_LT(order, smooth ? jittered ? 1.8 : 2.3 : 1.9) << name;
   }
   for (const auto medium : apps::kMediumKinds)
-    expect_svg(folder.path() / ("quadrature_" + std::string(apps::medium_name(medium)) + ".svg"));
-  EXPECT_TRUE(fs::exists(folder.path() / "report.html"));
+    expect_svg(out / ("quadrature_" + std::string(apps::medium_name(medium)) + ".svg"));
+  EXPECT_TRUE(fs::exists(out / "report.html"));
 
-  // A row's command gives that row again, and no other.
+  // A row's command gives that row again, and no other, in another folder.
   expect_own_filters(rows,
                      [](const Row& row) { return row.at("medium") + ", " + row.at("sampling"); });
   const std::vector<std::vector<std::string>> commands = commands_of(rows);
@@ -140,13 +141,14 @@ TEST(NerfBenchError, QuadratureErrorsFallAtTheirOrder) {
     if (rows[i].at("evaluations") != "64" || rows[i].at("medium") != "slab") continue;
     const ProgramResult one = run_program(NERF_BENCH_PROGRAM, commands[i]);
     ASSERT_EQ(one.exit_code, 0) << one.err;
-    const std::vector<Row> same = rows_of(folder.path() / "quadrature.csv");
+    const std::vector<Row> same = rows_of(folder.path() / "curves_again" / "quadrature.csv");
     ASSERT_EQ(same.size(), 1u) << rows[i].at("command");
     for (const char* column : {"medium", "sampling", "evaluations", "rms_error"})
       EXPECT_EQ(same[0].at(column), rows[i].at(column)) << column;
     ++taken;
   }
   EXPECT_EQ(taken, 4);
+  EXPECT_EQ(rows_of(out / "quadrature.csv"), rows);
 }
 
 TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {

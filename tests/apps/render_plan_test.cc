@@ -113,6 +113,22 @@ TEST(RenderPlan, SizesAreScaled) {
   EXPECT_EQ(plan.frames[0].camera.cy(), 120);
 }
 
+TEST(RenderPlan, ABackgroundThatTheModelHasNotIsToldOf) {
+  ModelInfo info = model({"a", "b"});
+  RenderCommand c = command("test");
+  const auto notes = [&] { return make_render_plan(c, info, kPlenty).notes.size(); };
+  info.alpha = false;
+  info.method = "nerf";
+  EXPECT_EQ(notes(), 0u);
+  c.background = Vec3{1, 1, 1};
+  EXPECT_EQ(notes(), 1u);
+  info.alpha = true;
+  EXPECT_EQ(notes(), 0u);
+  info.alpha = false;
+  info.method = "grid";
+  EXPECT_EQ(notes(), 0u);
+}
+
 TEST(RenderPlan, PathFilesAndFramesPerSecond) {
   const TempFolder folder;
   const fs::path file = folder.path() / "tour.json";

@@ -37,6 +37,42 @@ TEST(TrainOptionsText, ABackgroundNeedsPhotosWithAlpha) {
   EXPECT_EQ(unused[0].find("--recipe-near and --recipe-far are not used"), 0u) << unused[0];
 }
 
+TEST(TrainOptionsText, TheHullNeedsPhotosWithAlpha) {
+  Scene opaque, cut_out;
+  cut_out.alpha = true;
+  EXPECT_EQ(apps::unused_options({}, {"keep_transparent"}, opaque),
+            std::vector<std::string>{"--keep-transparent is not used: the photos have no alpha"});
+  EXPECT_TRUE(apps::unused_options({}, {"keep_transparent"}, cut_out).empty());
+}
+
+TEST(TrainOptionsText, OnlyProposalsAreAnnealed) {
+  const std::set<std::string> given = {"recipe.anneal", "recipe.anneal_steps"};
+  for (const char* method : {"nerf", "mipnerf", "mipnerf360"}) {
+    apps::TrainCommand command;
+    command.train = method_options(method, Scale::kTiny);
+    EXPECT_EQ(apps::unused_options(command, given, {}).size(),
+              std::string(method) == "mipnerf360" ? 0u : 1u)
+        << method;
+  }
+}
+
+// So that the steps of a plan, taken by themselves, are the same ones.
+TEST(TrainOptionsText, APlanOfMinutesAnnealsOverStepsThatItKnows) {
+  apps::TrainCommand command;
+  command.train.method = "mipnerf360";
+  command.scale = Scale::kPaper;
+  EXPECT_EQ(apps::with_preset(command, {}).train.recipe.anneal_steps, 0);
+  command.minutes = 60;
+  EXPECT_EQ(apps::with_preset(command, {}).train.recipe.anneal_steps, kAnnealSteps);
+  const std::string again =
+      apps::equivalent_command(apps::with_preset(command, {"minutes", "scale"}), 5000);
+  EXPECT_NE(again.find("--recipe-anneal-steps " + std::to_string(kAnnealSteps)), std::string::npos)
+      << again;
+  EXPECT_THROW(apps::with_preset(command, {"recipe.anneal_steps"}), Error);
+  command.train.recipe.anneal_steps = 100;
+  EXPECT_EQ(apps::with_preset(command, {"recipe.anneal_steps"}).train.recipe.anneal_steps, 100);
+}
+
 // The help marks them, and a warning names them.
 TEST(TrainOptionsText, WhatTheGridAloneReadsIsNotUsedByAPapersMethod) {
   Scene cut_out;

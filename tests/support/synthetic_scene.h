@@ -58,9 +58,8 @@ inline Photo sphere_photo(const Camera& camera, const Pose& pose) {
       for (int s = 0; s < kSub * kSub; ++s) {
         const Vec2d at{x + (s % kSub + 0.5) / kSub, y + (s / kSub + 0.5) / kSub};
         double rgb[3];
-        if (!sphere_colour(pose.translation,
-                           normalized(pose.rotation * unproject(camera, at).value()), rgb))
-          continue;
+        const auto d = unproject(camera, at);
+        if (!d || !sphere_colour(pose.translation, normalized(pose.rotation * *d), rgb)) continue;
         ++hits;
         for (int k = 0; k < 3; ++k) sum[k] += rgb[k];
       }

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
+#include <string>
 #include <type_traits>
+#include <vector>
 
 #include "nerf/base/file.h"
 #include "nerf/train/trainer.h"
@@ -53,6 +56,40 @@ TEST(Checkpoint, TrainingGoesOnBitForBit) {
     for (int64_t i = 0; i < kHalf; ++i) second.step();
     EXPECT_EQ(bits_of(second), bits_after(c, 2, 2 * kHalf, table_bits)) << table_bits;
   }
+}
+
+template <class T>
+T number_at(const std::vector<uint8_t>& bytes, size_t at) {
+  T value{};
+  EXPECT_LE(at + sizeof value, bytes.size());
+  if (at + sizeof value <= bytes.size()) std::memcpy(&value, bytes.data() + at, sizeof value);
+  return value;
+}
+
+// Read as docs/model_file.md says: its version, and sections that the page names.
+TEST(Checkpoint, IsAsDocumented) {
+  const std::string page =
+      read_text_file(std::filesystem::path(NERF_SOURCE_DIR) / "docs" / "model_file.md");
+  const auto c = sphere_capture();
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, tiny_options(10), pool);
+  trainer.step();
+  const std::vector<uint8_t> bytes = bits_of(trainer);
+  ASSERT_GT(bytes.size(), 36u);
+  EXPECT_EQ(std::string(bytes.begin(), bytes.begin() + 8), "NERFCKPT");
+  const auto version = std::to_string(number_at<uint32_t>(bytes, 8));
+  EXPECT_TRUE(contains(page, "1 of a model, " + version + " of a checkpoint")) << version;
+  EXPECT_EQ(number_at<uint64_t>(bytes, 16), bytes.size());
+  const auto sections = number_at<uint32_t>(bytes, 12);
+  EXPECT_EQ(sections, 11u);
+  const std::string of_checkpoints = page.substr(page.find("## Checkpoint"));
+  size_t at = 32 + number_at<uint64_t>(bytes, 24);
+  for (uint32_t i = 0; i < sections && at + 40 < bytes.size(); ++i) {
+    const std::string name(reinterpret_cast<const char*>(bytes.data()) + at);
+    EXPECT_TRUE(contains(of_checkpoints, "`" + name + "`")) << name;
+    at += 40 + number_at<uint64_t>(bytes, at + 24);
+  }
+  EXPECT_EQ(at + 4, bytes.size());
 }
 
 TEST(Checkpoint, ThreadsChangeNothing) {

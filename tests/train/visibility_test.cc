@@ -98,6 +98,55 @@ TEST(Visibility, SwitchesOffWhatSomePhotoShowsAsTransparent) {
   EXPECT_LT(off, grid.cells() * 9 / 10);
 }
 
+// Cameras of another lens, turned so far that the sphere stands beside the middle of their
+// pictures; the size is no multiple of the blocks that a photo is looked at in.
+test::SyntheticCapture beside_the_middle(const Camera& camera, double distance, double turn) {
+  test::SyntheticCapture c = test::sphere_capture(12, 8);
+  const double s = std::sin(turn), k = std::cos(turn);
+  for (size_t i = 0; i < c.scene.views.size(); ++i) {
+    Pose& pose = c.scene.views[i].pose;
+    const Vec3d right = pose.rotation.column(0), forward = pose.rotation.column(2);
+    pose.rotation.set_column(0, right * k - forward * s);
+    pose.rotation.set_column(2, forward * k + right * s);
+    pose.translation = pose.translation * (distance / test::kCameraDistance);
+    c.photos.cameras[i] = camera;
+    c.photos.photos[i] = test::sphere_photo(camera, pose);
+  }
+  c.scene.cameras = {camera};
+  return c;
+}
+
+TEST(Visibility, KeepsTheSphereInPicturesOfWideLenses) {
+  Camera pinhole;
+  pinhole.width = 203;
+  pinhole.height = 161;
+  pinhole.model = CameraModel::kPinhole;
+  pinhole.params = {58, 58, 101.5, 80.5};  // 120 degrees across
+  Camera fisheye = pinhole;
+  fisheye.model = CameraModel::kOpenCVFisheye;
+  fisheye.params = {80, 80, 101.5, 80.5, 0.02, -0.01, 0, 0};
+  Camera field_of_view = pinhole;
+  field_of_view.model = CameraModel::kFov;
+  field_of_view.params = {60, 60, 101.5, 80.5, 2.2};
+  for (const Camera& camera : {pinhole, fisheye, field_of_view})
+    for (const double turn : {0.0, 0.5, 0.7}) {
+      const auto c = beside_the_middle(camera, 2.2, turn);
+      constexpr int kCascades = 2;
+      const OccupancyGrid grid = carved(c, {}, 2, kCascades);
+      int64_t off = 0;
+      for (int cascade = 0; cascade < kCascades; ++cascade)
+        for (int64_t i = 0; i < grid.cells(); ++i) {
+          off += grid.is_off(cascade, i);
+          const Ball cell = ball_of(grid, i, 1, cascade);
+          if (length(cell.centre) > test::kSphereRadius + 0.5 * grid.cell_width(cascade)) continue;
+          ASSERT_FALSE(grid.is_off(cascade, i))
+              << camera.params[0] << ", turned " << turn << ", cascade " << cascade << ", cell "
+              << i << " at " << length(cell.centre);
+        }
+      EXPECT_GT(off, grid.cells() / 4) << camera.params[0] << ", turned " << turn;
+    }
+}
+
 TEST(Visibility, SwitchesOffBricksOutsideEveryPicture) {
   auto c = test::sphere_capture(8, 32);
   c.scene.train = {1, 2};

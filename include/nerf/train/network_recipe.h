@@ -6,6 +6,9 @@
 
 namespace nerf {
 
+// Of an annealing whose training does not know its length while it begins.
+inline constexpr int kAnnealSteps = 2000;
+
 struct NetworkRecipe {
   int rays = 1024;         // of a step
   bool one_photo = false;  // all rays of a step from one photo
@@ -58,8 +61,10 @@ struct NetworkRecipe {
       "share of a ray's light below which a sample is left out (of a ReLU's samples the share that "
       "reaches it, of a softplus's the share that it stops); 0: none",
       at_least(0), below(1));
-    v("anneal", anneal, "raise weights that samples are drawn from to a power that grows to 1");
-    v("anneal_steps", anneal_steps, "steps over which it does; 0: all", at_least(0));
+    v("anneal", anneal,
+      "raise the proposals' weights that samples are drawn from to a power that grows to 1");
+    v("anneal_steps", anneal_steps, "steps over which it does; 0: all, with a plan of minutes 2000",
+      at_least(0));
   }
 };
 
