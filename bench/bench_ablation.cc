@@ -91,8 +91,7 @@ std::vector<AblationOptions::Variant> AblationOptions::variants() const {
          "--network-proposal-colour", "--network-sampling-padding", "0.01", "--recipe-interlevel",
          "0", "--recipe-coarse", "0.1", "--no-recipe-anneal"});
   // As many evaluations, all of them even.
-  const int all =
-      s.rounds * s.coarse + s.fine + (s.resampling == Resampling::kCoarseFine ? s.coarse : 0);
+  const int all = s.all_samples();
   add("without hierarchical sampling",
       {"--network-sampling-rounds", "0", "--network-sampling-fine", std::to_string(all)});
   add("without view dependence", {"--no-network-view-dependence"});

@@ -144,9 +144,9 @@ class RepeatForSamples : public Operation {
     Real* dx = c.gradient(inputs()[0]);
     for (int k = 0; k < c.tape->rows(output()); ++k) {
       for (int r = 0; r < c.rays; ++r) {
-        Real sum = overwrites(0) ? 0.0_r : dx[k * lr + r];
-        for (int s = c.ray_begin[r]; s < c.ray_begin[r + 1]; ++s) sum += dy[k * ls + s];
-        dx[k * lr + r] = sum;
+        double sum = overwrites(0) ? 0 : double{dx[k * lr + r]};  // however long the ray is
+        for (int s = c.ray_begin[r]; s < c.ray_begin[r + 1]; ++s) sum += double{dy[k * ls + s]};
+        dx[k * lr + r] = static_cast<Real>(sum);
       }
       if (overwrites(0))
         std::fill(dx + k * lr + c.rays, dx + k * lr + round_up(c.rays, kLane), 0.0_r);

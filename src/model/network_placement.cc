@@ -30,7 +30,7 @@ void NetworkLevels::each_sample(const Level& level, int samples, const Body& bod
     Real t0 = sampler_.distance(entry[0]);
     for (int i = 0; i < samples; ++i) {
       const bool endless = !intervals && i + 1 == samples;
-      const Real next = endless ? t0 : sampler_.distance(entry[i + 1]);
+      const Real next = endless ? t0 : sampler_.distance_after(t0, entry[i + 1]);
       const Real delta = endless ? kLongestInterval : (next - t0) * rays_[r].length;
       const int ray = static_cast<int>(r);
       body(Sample{ray, ray * samples + i, t0, intervals ? next : t0, delta});

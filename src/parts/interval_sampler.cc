@@ -25,9 +25,9 @@ IntervalSampler::IntervalSampler(const IntervalOptions& options, double near, do
 }
 
 int IntervalOptions::samples(int level) const {
-  if (level + 1 < levels()) return coarse;
-  const bool merged = resampling == Resampling::kCoarseFine && level > 0;
-  return fine + (merged ? coarse * level : 0);
+  // Each level of coarse+fine keeps those of the level before and adds as many, or the fine ones.
+  const int kept = resampling == Resampling::kCoarseFine ? coarse * level : 0;
+  return kept + (level + 1 < levels() ? coarse : fine);
 }
 
 int IntervalOptions::most_posts() const {

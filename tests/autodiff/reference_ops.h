@@ -136,10 +136,7 @@ Columns<T> integrated_encoding(const Columns<T>& mean, const Columns<T>& varianc
 
 template <class T>
 Columns<T> repeat_for_samples(const Columns<T>& x, const Rays& rays) {
-  Columns<T> y;
-  for (size_t r = 0; r + 1 < rays.size(); ++r)
-    for (int32_t s = rays[r]; s < rays[r + 1]; ++s) y.push_back(x[r]);
-  return y;
+  return reference::repeat_for_samples(x, rays);
 }
 
 template <class T>

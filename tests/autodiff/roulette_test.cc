@@ -104,33 +104,35 @@ TEST(RouletteOperation, LeavesOutWhatHasNoGradient) {
 // the draws: a number of the weights' sums those of all samples, each at most 5 times (hidden
 // values are sums of 5 terms below 1) the size of the output's.
 TEST(RouletteOperation, ExpectationIsTheGradient) {
-  constexpr int kDraws = 4000;
-  Network whole({}), part(1);
-  const std::vector<double> want = whole.run(0.5);
-  std::vector<double> mean(want.size());
-  double samples = 0, variance = 0;
-  for (int k = 0; k < kDraws; ++k) {
-    const std::vector<double> got = part.run((k + 0.5) / kDraws);
-    for (size_t i = 0; i < mean.size(); ++i) {
-      mean[i] += got[i] / kDraws;
-      variance += std::pow(got[i] - want[i], 2) / kDraws;
+  for_each_target([&](const std::string&) {
+    constexpr int kDraws = 4000;
+    Network whole({}), part(1);
+    const std::vector<double> want = whole.run(0.5);
+    std::vector<double> mean(want.size());
+    double samples = 0, variance = 0;
+    for (int k = 0; k < kDraws; ++k) {
+      const std::vector<double> got = part.run((k + 0.5) / kDraws);
+      for (size_t i = 0; i < mean.size(); ++i) {
+        mean[i] += got[i] / kDraws;
+        variance += std::pow(got[i] - want[i], 2) / kDraws;
+      }
+      samples += static_cast<double>(part.samples) / kDraws;
     }
-    samples += static_cast<double>(part.samples) / kDraws;
-  }
-  EXPECT_LT(samples, 0.5 * kSamples);
-  EXPECT_GT(variance, 0);
-  double largest = 0, bound = 0;
-  for (const double g : want) largest = std::max(largest, std::fabs(g));
-  for (const double norm : whole.norms) bound += norm / kSamples;
-  const size_t weights = whole.weights.size();
-  for (size_t i = 0; i < want.size(); ++i) {
-    double tolerance = kSamples * 5 * bound / kDraws;
-    if (i >= weights && i < weights + 3 * kSamples) {
-      const double norm = whole.norms[(i - weights) % kSamples];
-      tolerance = norm > 0 ? std::fabs(want[i]) * std::max(bound / norm, 1.0) / kDraws : 0;
+    EXPECT_LT(samples, 0.5 * kSamples);
+    EXPECT_GT(variance, 0);
+    double largest = 0, bound = 0;
+    for (const double g : want) largest = std::max(largest, std::fabs(g));
+    for (const double norm : whole.norms) bound += norm / kSamples;
+    const size_t weights = whole.weights.size();
+    for (size_t i = 0; i < want.size(); ++i) {
+      double tolerance = kSamples * 5 * bound / kDraws;
+      if (i >= weights && i < weights + 3 * kSamples) {
+        const double norm = whole.norms[(i - weights) % kSamples];
+        tolerance = norm > 0 ? std::fabs(want[i]) * std::max(bound / norm, 1.0) / kDraws : 0;
+      }
+      EXPECT_NEAR(mean[i], want[i], tolerance + kRounding * largest * 10) << i;
     }
-    EXPECT_NEAR(mean[i], want[i], tolerance + kRounding * largest * 10) << i;
-  }
+  });
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <string>
 #include <vector>
@@ -60,10 +61,9 @@ TEST(IntervalSampler, LevelsAreSortedAndInRange) {
           Random* key = seed ? &random : nullptr;
           std::vector<Floats> levels{first_level(sampler, key)};
           for (int l = 1; l < sampler.levels(); ++l) {
-            // The second level of coarse+fine has more samples: its weights are repeated.
+            // Later levels of coarse+fine have more samples: the weights are repeated.
             Floats w(static_cast<size_t>(sampler.samples(l - 1)));
             for (size_t i = 0; i < w.size(); ++i) w[i] = weights[i % 32];
-            if (l == 2 && resampling == Resampling::kCoarseFine) break;
             levels.push_back(next_level(sampler, l, levels.back(), w, key));
           }
           for (const Floats& level : levels) {
@@ -176,6 +176,12 @@ TEST(IntervalSampler, NumbersOfSamples) {
   EXPECT_EQ(IntervalSampler(o, 2, 6).samples(1), 80);
   o.rounds = 0;
   EXPECT_EQ(IntervalSampler(o, 2, 6).samples(0), 48);
+  // Each level adds to the one before.
+  o.rounds = 2;
+  EXPECT_EQ(o.samples(0), 32);
+  EXPECT_EQ(o.samples(1), 64);
+  EXPECT_EQ(o.samples(2), 112);
+  EXPECT_EQ(o.all_samples(), 208);
   o = options_of(Resampling::kProposal, Spacing::kInverse, 2);
   const IntervalSampler proposal(o, 2, 6);
   EXPECT_EQ(proposal.samples(0), 32);
@@ -184,6 +190,43 @@ TEST(IntervalSampler, NumbersOfSamples) {
   EXPECT_EQ(proposal.posts(2), 49);
   EXPECT_EQ(o.most_posts(), 49);
   EXPECT_EQ(o.all_samples(), 112);
+}
+
+// Every level has positions of its own, and those of the level before.
+TEST(IntervalSampler, EachLevelOfCoarseAndFineAddsSamples) {
+  IntervalSampler sampler(options_of(Resampling::kCoarseFine, Spacing::kUniform, 3), 2, 6);
+  Random random(5, 0, 0);
+  Floats before = first_level(sampler, &random);
+  for (int l = 1; l < sampler.levels(); ++l) {
+    const Floats weights(before.size(), 0.1_r);
+    const Floats all = next_level(sampler, l, before, weights, &random);
+    EXPECT_TRUE(std::ranges::includes(all, before)) << l;
+    Floats added;
+    std::ranges::set_difference(all, before, std::back_inserter(added));
+    EXPECT_EQ(added.size(), l + 1 < sampler.levels() ? 32u : 48u) << l;
+    before = all;
+  }
+}
+
+// Rounding may take the distance of a post below that of the one before it; no interval is shorter
+// than nothing for it.
+TEST(IntervalSampler, IntervalsAreNeverNegative) {
+  int fell = 0;
+  for (const Spacing spacing : {Spacing::kUniform, Spacing::kInverse}) {
+    const IntervalSampler sampler(options_of(Resampling::kBlurred, spacing), 2, 6);
+    for (const Real from : {0.1_r, 0.5_r, 0.75_r, 0.9_r}) {
+      Real post = from, t = sampler.distance(post);
+      for (int i = 0; i < 10000; ++i) {
+        post = std::nextafter(post, 2.0_r);
+        const Real next = sampler.distance(post), end = sampler.distance_after(t, post);
+        fell += next < t;
+        ASSERT_GE(end, t) << post;
+        ASSERT_EQ(end, std::max(next, t));
+        t = next;
+      }
+    }
+  }
+  EXPECT_GT(fell, 0);
 }
 
 // Whole levels against exact fractions (tests/golden/sampling.py), from the weights to the posts.

@@ -80,7 +80,7 @@ TEST(HistogramLosses, InterlevelMatchesGoldenAndItsGradientTheTemplate) {
     const auto ps = floats(v, 2 * n + 3, m + 1), pw = floats(v, 2 * n + m + 4, m);
     std::vector<Real> d(m, 0.0_r);
     const double want = v[2 * n + 2 * m + 4];
-    loss.compare(interlevel_loss(s, w, ps, pw, 1, d), want, kSum + 1e-6 * want, "n", n, "m", m);
+    loss.compare(interlevel_loss(s, w, ps, pw, 1, d), want, kSum + 1e-13 * want, "n", n, "m", m);
     active += want > 0;
     const auto slope = complex_step_gradient(
         [&](const std::vector<Complex>& x) {

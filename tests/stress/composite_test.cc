@@ -186,7 +186,7 @@ TEST(StressComposite, GradientsOfEverySize) {
     for (int i = 0; i < 100; ++i)
       m.add(static_cast<Real>(std::pow(10.0, uniform(random, -3, 2))),
             static_cast<Real>(std::pow(10.0, uniform(random, -7, 7))), some_colour(random));
-    check_ray(m, errors, "size", size);
+    for_each_target([&](const std::string&) { check_ray(m, errors, "size", size); });
   }
   errors.report();
 }

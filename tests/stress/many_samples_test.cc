@@ -1,12 +1,15 @@
 // A million samples on one ray: what each of them is off by must not add up.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "kernels/kernel_test.h"
+#include "nerf/autodiff/operations.h"
+#include "nerf/autodiff/tape.h"
 #include "stress/composite_run.h"
 
 namespace nerf::stress {
@@ -26,6 +29,24 @@ TEST(StressManySamples, RandomMatter) {
     for_each_target([&](const std::string&) { check_ray(m, errors, "depth", depth); });
   }
   errors.report();
+}
+
+// A ray's code gets the sum of its samples' gradients, which float would leave behind.
+TEST(StressManySamples, GradientOfWhatTheyShare) {
+  Tape tape(kMillion, 1);
+  const Value x = tape.input(1, Domain::kRays, true);
+  const Value y = repeat_for_samples(tape, x);
+  tape.plan();
+  Chunk chunk(tape);
+  const std::vector<int32_t> rays{0, kMillion};
+  chunk.samples = kMillion;
+  chunk.rays = 1;
+  chunk.ray_begin = rays.data();
+  tape.forward(chunk);
+  std::fill_n(chunk.gradient(y), kMillion, 0.1_r);
+  tape.backward(chunk);
+  const double want = double{0.1_r} * kMillion;
+  EXPECT_NEAR(chunk.gradient(x)[0], want, (kRoundoff + summing_error(kMillion)) * want);
 }
 
 // All alike, so that every rounding goes the same way: opacities that lie between two neighbours of

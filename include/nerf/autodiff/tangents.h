@@ -23,7 +23,8 @@ WithTangents linear(Tape& tape, const WithTangents& x, const LinearWeights& w,
 WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> layers);
 WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b);
 WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows);
-// Exact where the value's slope is, |x| <= 15; beyond, the tangent of exp(min(x, 30)).
+// The value's times x's: exact up to 30, where the value stays, and of that size beyond, so that an
+// extreme density does not go dead. Gradients through the value have the slope of |x| <= 15.
 WithTangents truncated_exp(Tape& tape, const WithTangents& x);
 WithTangents sigmoid(Tape& tape, const WithTangents& x);
 WithTangents softplus(Tape& tape, const WithTangents& x, Real shift);

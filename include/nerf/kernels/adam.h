@@ -42,7 +42,8 @@ int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list);
 void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
                Real* gradient, Real* states, Real* weights, const Real* correction);
 // The same of weights that stand in the states (kRowWeights); rounded receives them as half floats
-// [..][features], to nearest, ties to even, those beyond the largest (65504) as that one.
+// [..][features], from 32 bits to nearest, ties to even, those beyond the largest (65504) as that
+// one.
 void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
                Real* gradient, Real* states, uint16_t* rounded, const Real* correction);
 

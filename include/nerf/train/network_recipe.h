@@ -46,8 +46,10 @@ struct NetworkRecipe {
       at_least(0), at_most(1));
     v("density_noise", density_noise, "standard deviation of noise on the raw density", at_least(0),
       at_most(100));
-    v("beta2", beta2, "Adam's decay of the squared gradient", at_least(0), below(1));
-    v("epsilon", epsilon, "Adam's epsilon", at_least(1e-30), at_most(1));
+    v("beta2", beta2, "Adam's decay of the squared gradient", at_least(0), at_most(0.9999));
+    // Above the root of what a squared gradient is flushed to zero below, or a step would have no
+    // bound.
+    v("epsilon", epsilon, "Adam's epsilon", at_least(1e-15), at_most(1));
     v("clip", clip, "largest norm of a network's gradient; 0: any", at_least(0));
     v("warmup_rate", warmup_rate,
       "share of the step size that the warm-up begins with, rising along a quarter sine", above(0),

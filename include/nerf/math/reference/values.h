@@ -43,6 +43,24 @@ std::vector<T> scale_shift(std::vector<T> x, double factor, double shift) {
   return x;
 }
 
+// A ray's column for each of its samples, which are [begin[r], begin[r + 1]) of ray r.
+template <class T, class Index>
+std::vector<std::vector<T>> repeat_for_samples(const std::vector<std::vector<T>>& x,
+                                               const std::vector<Index>& begin) {
+  std::vector<std::vector<T>> y;
+  for (size_t r = 0; r + 1 < begin.size(); ++r)
+    for (Index s = begin[r]; s < begin[r + 1]; ++s) y.push_back(x[r]);
+  return y;
+}
+
+// A term of the loss whose gradient in x is `given`, whatever x is: sum of given x less its value.
+template <class T>
+T add_gradient(const std::vector<T>& x, const std::vector<double>& given) {
+  T sum(0);
+  for (size_t i = 0; i < x.size(); ++i) sum += T(given[i]) * (x[i] - stop_gradient(x[i]));
+  return sum;
+}
+
 // Row floor(index) of the table [rows x columns], whose rows are `stride` apart; zeros where the
 // index is below 0 (a code for each photo: Bojanowski et al. 2018).
 template <class T>
