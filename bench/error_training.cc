@@ -210,7 +210,7 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
     // Names would cover each other: numbers stand beside the points, both in the legend.
     const std::string place = std::to_string(chart.series.size() + 1);
     chart.series.push_back(
-        {place + "  " + s.name, {{number(t, "seconds"), number(t, "psnr"), place}}, false});
+        {place + ": " + s.name, {{number(t, "seconds"), number(t, "psnr"), place}}, false});
     curve.table.rows.push_back(row_of({s.name}, t));
   }
   curve.charts.push_back(std::move(chart));

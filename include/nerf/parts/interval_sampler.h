@@ -2,9 +2,9 @@
 // drawn from the weights of the level before.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
-#include <algorithm>
 #include <span>
 #include <vector>
 
