@@ -110,8 +110,8 @@ void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
   o.recipe.crop_steps = std::min(o.recipe.crop_steps, 100);
   o.warmup_steps = std::min(o.warmup_steps, 128);
   o.recipe.negligible = 1e-4_r;
-  o.recipe.anneal_steps =
-      kAnnealSteps;  // a plan of minutes does not know its length while it begins
+  // A plan of minutes does not know its length while it begins.
+  o.recipe.anneal_steps = kAnnealSteps;
 }
 
 template <class E>

@@ -138,8 +138,8 @@ Sight look(const Eye& eye, const AlphaTable* alpha, const Vec3d& centre, double 
 // outside of, or all over matter to, has nothing to say of its halves.
 class Carver {
  public:
-  static constexpr int kSide =
-      16;  // of the cubes to begin with: what a grid's side is a multiple of
+  // Of the cubes to begin with: what a grid's side is a multiple of.
+  static constexpr int kSide = 16;
 
   // tables: of each eye, or none.
   Carver(std::span<const Eye> eyes, std::span<const AlphaTable> tables, bool keep_unseen,
