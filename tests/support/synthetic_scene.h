@@ -45,8 +45,8 @@ inline Pose spiral_pose(int i, int n) {
   return pose;
 }
 
-inline Photo sphere_photo(const Camera& camera, const Pose& pose) {
-  constexpr int kSub = 3;
+// Each pixel from sub x sub rays; transparent where the lens has none.
+inline Photo sphere_photo(const Camera& camera, const Pose& pose, int sub = 3) {
   Photo photo;
   photo.width = camera.width;
   photo.height = camera.height;
@@ -55,8 +55,8 @@ inline Photo sphere_photo(const Camera& camera, const Pose& pose) {
     for (int x = 0; x < camera.width; ++x) {
       double sum[3] = {0, 0, 0};
       int hits = 0;
-      for (int s = 0; s < kSub * kSub; ++s) {
-        const Vec2d at{x + (s % kSub + 0.5) / kSub, y + (s / kSub + 0.5) / kSub};
+      for (int s = 0; s < sub * sub; ++s) {
+        const Vec2d at{x + (s % sub + 0.5) / sub, y + (s / sub + 0.5) / sub};
         double rgb[3];
         const auto d = unproject(camera, at);
         if (!d || !sphere_colour(pose.translation, normalized(pose.rotation * *d), rgb)) continue;
@@ -65,7 +65,7 @@ inline Photo sphere_photo(const Camera& camera, const Pose& pose) {
       }
       for (const double v : sum)
         photo.pixels8.push_back(static_cast<uint8_t>(hits ? std::lround(255 * v / hits) : 0));
-      photo.pixels8.push_back(static_cast<uint8_t>(255 * hits / (kSub * kSub)));
+      photo.pixels8.push_back(static_cast<uint8_t>(255 * hits / (sub * sub)));
     }
   return photo;
 }

@@ -99,23 +99,6 @@ TEST(Visibility, SwitchesOffWhatSomePhotoShowsAsTransparent) {
   EXPECT_LT(off, grid.cells() * 9 / 10);
 }
 
-// Alpha alone, where the ray through a pixel's middle meets the sphere.
-Photo outline(const Camera& camera, const Pose& pose) {
-  Photo photo;
-  photo.width = camera.width;
-  photo.height = camera.height;
-  photo.channels = 4;
-  for (int y = 0; y < camera.height; ++y)
-    for (int x = 0; x < camera.width; ++x) {
-      const auto d = unproject(camera, {x + 0.5, y + 0.5});
-      double rgb[3];
-      const bool met =
-          d && test::sphere_colour(pose.translation, normalized(pose.rotation * *d), rgb);
-      photo.pixels8.insert(photo.pixels8.end(), {0, 0, 0, static_cast<uint8_t>(met ? 255 : 0)});
-    }
-  return photo;
-}
-
 // Cameras of another lens, turned so far that the sphere stands beside the middle of their
 // pictures.
 test::SyntheticCapture beside_the_middle(const Camera& camera, double turn) {
@@ -129,7 +112,7 @@ test::SyntheticCapture beside_the_middle(const Camera& camera, double turn) {
     pose.rotation.set_column(2, forward * k - right * s);
     pose.translation = pose.translation * (kDistance / test::kCameraDistance);
     c.photos.cameras[i] = camera;
-    c.photos.photos[i] = outline(camera, pose);
+    c.photos.photos[i] = test::sphere_photo(camera, pose, 1);
   }
   c.scene.cameras = {camera};
   return c;
