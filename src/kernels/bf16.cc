@@ -23,7 +23,9 @@ struct Processor {
 
 Processor detect() {
   Processor p;
-#ifdef NERF_BF16_UNITS
+#ifdef NERF_EMULATED_BF16  // tests/emulated
+  p.avx512_bf16 = p.amx_bf16 = true;
+#elif defined(NERF_BF16_UNITS)
   unsigned a, b, c, d;
   if (!__get_cpuid(0, &a, &b, &c, &d)) return p;
   p.amd = b == signature_AMD_ebx && c == signature_AMD_ecx && d == signature_AMD_edx;
@@ -43,6 +45,15 @@ const Processor& processor() {
 Bf16Unit& chosen() {
   static Bf16Unit unit = Bf16Unit::kNone;
   return unit;
+}
+
+// Whether one of them is the target that the units belong to.
+bool has_target([[maybe_unused]] const std::vector<std::string>& targets) {
+#ifdef NERF_EMULATED_BF16
+  return true;
+#else
+  return std::ranges::find(targets, "AVX3") != targets.end();
+#endif
 }
 
 void choose_once() {
@@ -72,9 +83,8 @@ void choose_once() {
 }  // namespace
 
 std::vector<Bf16Unit> bf16_units() {
-  const auto targets = simd_targets();
   std::vector<Bf16Unit> out;
-  if (std::ranges::find(targets, "AVX3") == targets.end()) return out;
+  if (!has_target(simd_targets())) return out;
   if (processor().amx_bf16) out.push_back(Bf16Unit::kAmx);
   if (processor().avx512_bf16) out.push_back(Bf16Unit::kAvx512);
   return out;
@@ -87,7 +97,7 @@ Bf16Unit internal::chosen_bf16_unit() {
 
 Bf16Unit bf16_unit() {
   choose_once();
-  return simd_target() == "AVX3" ? chosen() : Bf16Unit::kNone;
+  return has_target({simd_target()}) ? chosen() : Bf16Unit::kNone;
 }
 
 std::string bf16_unit_name(Bf16Unit unit) {
