@@ -17,14 +17,15 @@ class Linear : public Operation {
   LinearActivation activation() const { return activation_; }
 
   void forward(Chunk& c) const override {
-    const Value x = inputs()[0];
+    const Value x = inputs()[0], y = output();
     const Real* bias = w_.bias ? c.weights + w_.bias_offset() : nullptr;
     if (const uint16_t* packed = bf16_pack(c))
-      linear_forward_bf16(w_.in, w_.out, packed, bias, c.data(x), c.data(output()), c.stride(x),
+      linear_forward_bf16(w_.in, w_.out, packed, bias, input(c),
+                          c.has_pairs(y) ? LayerOutput(c.pairs(y)) : c.data(y), c.stride(x),
                           c.count(x), activation_);
     else
-      linear_forward(w_.in, w_.out, c.weights + w_.offset, bias, c.data(x), c.data(output()),
-                     c.stride(x), c.count(x), activation_, f32_pack(c));
+      linear_forward(w_.in, w_.out, c.weights + w_.offset, bias, c.data(x), c.data(y), c.stride(x),
+                     c.count(x), activation_, f32_pack(c));
   }
 
   void backward(Chunk& c) const override {
@@ -35,31 +36,43 @@ class Linear : public Operation {
     if (activation_ == LinearActivation::kRelu && !masked_by_reader(c))
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
+    Real* dw = c.weight_gradient + w_.offset;
     Real* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;
     const uint16_t* packed = bf16_pack(c);
-    (packed ? linear_backward_weights_bf16 : linear_backward_weights)(
-        w_.in, w_.out, dy, c.data(x), ld, n, c.weight_gradient + w_.offset, dbias);
+    if (packed)
+      linear_backward_weights_bf16(w_.in, w_.out, dy, input(c), ld, n, dw, dbias);
+    else
+      linear_backward_weights(w_.in, w_.out, dy, c.data(x), ld, n, dw, dbias);
     if (!c.tape->needs_gradient(x)) return;
 
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
     const bool mask =
         maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
-    const Real* relu_output = mask ? c.data(x) : nullptr;
     Real* dx = overwrites(0) ? c.gradient(x) : c.arena.data() + c.tape->scratch_offset();
     if (packed)
-      linear_backward_input_bf16(w_.in, w_.out, packed, dy, dx, ld, n, relu_output);
+      linear_backward_input_bf16(w_.in, w_.out, packed, dy, dx, ld, n,
+                                 mask ? input(c) : nullptr);
     else
-      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n, relu_output,
-                            f32_pack(c));
+      linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n,
+                            mask ? c.data(x) : nullptr, f32_pack(c));
     if (!overwrites(0))
       for (int r = 0; r < w_.in; ++r) add_to(n, dx + r * ld, c.gradient(x) + r * ld);
   }
+
+  bool writes_pairs() const override {
+    return activation_ == LinearActivation::kRelu && layer_writes_pairs(w_.in, w_.out);
+  }
+  bool reads_pairs() const override { return true; }
 
  private:
   bool masked_by_reader(const Chunk& c) const {
     return dynamic_cast<const Linear*>(c.tape->only_consumer(output())) != nullptr;
   }
 
+  LayerInput input(Chunk& c) const {
+    const Value x = inputs()[0];
+    return c.has_pairs(x) ? LayerInput(c.pairs(x)) : c.data(x);
+  }
   const uint16_t* bf16_pack(const Chunk& c) const {
     return c.packs && c.packs->bf16.size() > 0 ? c.packs->bf16.data() + w_.packed_bf16 : nullptr;
   }

@@ -35,7 +35,10 @@ class Roulette : public Operation {
       std::fill(row + count, row + padded, 0.0_r);
     }
     for (const Value v : values_)
-      keep_columns(c.tape->rows(v), r.kept.data(), count, c.data(v), c.stride(v));
+      if (c.has_pairs(v))
+        keep_pairs(c.tape->rows(v), r.kept.data(), count, c.pairs(v));
+      else
+        keep_columns(c.tape->rows(v), r.kept.data(), count, c.data(v), c.stride(v));
     // Of each ray what is left of it.
     int64_t at = 0;
     for (int ray = 0; ray <= c.rays; ++ray) {

@@ -113,6 +113,7 @@ class EncodingTangent : public Operation {
 
 Value gate(Tape& tape, Value tangent, Value relu_output) {
   const Value y = tape.output(tape.rows(tangent), tape.domain(tangent), {&tangent, 1});
+  tape.keep_rows(relu_output);
   tape.record(std::make_unique<Gate>(tangent, relu_output, y));
   return y;
 }

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <utility>
 
+#include "nerf/autodiff/linear_weights.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/linear.h"
 
@@ -74,10 +75,21 @@ void Chunk::bind(Value v, Real* data, Real* gradient) {
 }
 
 const Real* Chunk::data(Value v) const {
+  NERF_CHECK(!has_pairs(v));
+  return memory(v);
+}
+const Real* Chunk::memory(Value v) const {
   const size_t i = static_cast<size_t>(v);
   return bound[i].data ? bound[i].data : arena.data() + tape->values_[i].data;
 }
 Real* Chunk::data(Value v) { return const_cast<Real*>(std::as_const(*this).data(v)); }
+bool Chunk::has_pairs(Value v) const {
+  return tape->values_[static_cast<size_t>(v)].pairs && packs && packs->bf16.size() > 0;
+}
+uint16_t* Chunk::pairs(Value v) {
+  NERF_CHECK(has_pairs(v));
+  return reinterpret_cast<uint16_t*>(const_cast<Real*>(memory(v)));
+}
 Real* Chunk::gradient(Value v) {
   const size_t i = static_cast<size_t>(v);
   NERF_CHECK(tape->values_[i].gradient);
@@ -119,6 +131,8 @@ void Tape::record(std::unique_ptr<Operation> operation) {
   operations_.push_back(std::move(operation));
 }
 
+void Tape::keep_rows(Value v) { values_[static_cast<size_t>(v)].only_rows = true; }
+
 const Operation* Tape::only_consumer(Value v) const {
   const Operation* found = nullptr;
   for (const auto& op : operations_)
@@ -137,6 +151,11 @@ const Operation* Tape::producer(Value v) const {
 }
 
 void Tape::plan() {
+  for (const auto& op : operations_) {
+    const Operation* reader = only_consumer(op->output());
+    Info& out = values_[static_cast<size_t>(op->output())];
+    out.pairs = !out.only_rows && op->writes_pairs() && reader && reader->reads_pairs();
+  }
   size_t at = static_cast<size_t>(round_up(static_cast<int64_t>(scratch_floats_), kLane));
   const auto size = [&](const Info& i) {
     return static_cast<size_t>(i.rows) * static_cast<size_t>(capacity(i.domain));

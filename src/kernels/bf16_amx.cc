@@ -5,6 +5,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "kernels/bf16_pairs-inl.h"
 #include "kernels/bf16_product.h"
 
 namespace nerf::internal {
@@ -41,23 +42,34 @@ class Tiles {
 template <Bf16Epilogue kEpilogue>
 void finish(const Bf16Product& p, const float* sums, int64_t row, int64_t column) {
   const int64_t rows = p.rows - row < kBf16Rows ? p.rows - row : kBf16Rows;
+  const int64_t pairs_at = column / 16 * p.pairs_stride + row * 16;
   const __m512 zero = _mm512_setzero_ps();
-  for (int64_t r = 0; r < rows; ++r) {
-    float* to = p.out + (row + r) * p.ld + column;
+  const auto value = [&](int64_t r) {
     __m512 y = _mm512_load_ps(sums + r * 16);
     if constexpr (kEpilogue == Bf16Epilogue::kAdd) {
-      y = _mm512_add_ps(_mm512_load_ps(to), y);
+      y = _mm512_add_ps(_mm512_load_ps(p.out + (row + r) * p.ld + column), y);
     } else {
       y = _mm512_add_ps(y, p.bias ? _mm512_set1_ps(p.bias[row + r]) : zero);
       if constexpr (kEpilogue == Bf16Epilogue::kRelu)
         y = _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(y, zero, _CMP_GT_OQ), y);
       if constexpr (kEpilogue == Bf16Epilogue::kMask) {
-        const __m512 m = _mm512_load_ps(p.mask + (row + r) * p.ld + column);
-        y = _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(m, zero, _CMP_GT_OQ), y);
+        __mmask16 open;
+        if (p.mask_pairs)
+          open = not_zero(load(p.mask_pairs + pairs_at + r / 2 * 32), r % 2 == 1);
+        else
+          open = _mm512_cmp_ps_mask(_mm512_load_ps(p.mask + (row + r) * p.ld + column), zero,
+                                    _CMP_GT_OQ);
+        y = _mm512_maskz_mov_ps(open, y);
       }
     }
-    _mm512_store_ps(to, y);
-  }
+    return y;
+  };
+  if (p.out_pairs)
+    for (int64_t r = 0; r < rows; r += 2)
+      store(p.out_pairs + pairs_at + r * 16, pairs_of(value(r), r + 1 < rows ? value(r + 1) : zero));
+  else
+    for (int64_t r = 0; r < rows; ++r)
+      _mm512_store_ps(p.out + (row + r) * p.ld + column, value(r));
 }
 
 // Two blocks of rows by two of columns at a time: a tile that is loaded is multiplied twice.

@@ -1,103 +1,157 @@
 // Packing, and products on vdpbf16ps (AVX512-BF16).
 #if defined(__x86_64__)
 
-#include <immintrin.h>
-
+#include "kernels/bf16_pairs-inl.h"
 #include "kernels/bf16_product.h"
 
 namespace nerf::internal {
 
 namespace {
 
-__m512i load(const uint16_t* p) { return _mm512_load_si512(p); }
-void store(uint16_t* p, __m512i v) { _mm512_store_si512(p, v); }
-
-// 32 bf16: those of `low` first.
-__m512i rounded(__m512 low, __m512 high) { return (__m512i)_mm512_cvtne2ps_pbh(high, low); }
-
 int64_t blocks(int64_t n, int64_t unit) { return (n + unit - 1) / unit; }
 
-// What becomes of R x NV finished sums; `end` where no depth is left.
+// body(Index<0>()), body(Index<1>()) ...: an array that is indexed by nothing but these stays in
+// registers, which a loop over it does not promise.
+template <int I>
+struct Index {
+  constexpr operator int() const { return I; }
+};
+template <int kCount, int kFirst = 0, class Body>
+inline __attribute__((always_inline)) void unrolled(const Body& body) {
+  if constexpr (kFirst < kCount) {
+    body(Index<kFirst>());
+    unrolled<kCount, kFirst + 1>(body);
+  }
+}
+#define NERF_INLINE __attribute__((always_inline))
+
+// R rows x NV blocks of columns of sums.
 template <int R, int NV>
-inline __attribute__((always_inline)) void finish(const Bf16Product& p, __m512 (&acc)[R][NV],
-                                                  int64_t row, int64_t column, bool end) {
+struct Sums {
+  __m512 of[R][NV];
+};
+
+// What becomes of finished sums; `end` where no depth is left.
+template <int R, int NV>
+inline NERF_INLINE void finish(const Bf16Product& p, Sums<R, NV>& sums, int64_t row, int64_t column,
+                               bool end) {
   const __m512 zero = _mm512_setzero_ps();
   const int64_t rows = p.rows - row;
-  float* out = p.out + row * p.ld + column;
-  const auto each = [&](auto&& value) __attribute__((always_inline)) {
-    for (int r = 0; r < R; ++r) {
-      if (r >= rows) return;
-      for (int v = 0; v < NV; ++v) _mm512_store_ps(out + r * p.ld + 16 * v, value(r, v, acc[r][v]));
-    }
-  };
-  if (p.epilogue == Bf16Epilogue::kAdd) {
-    each([&](int r, int v, __m512 y) {
-      return _mm512_add_ps(_mm512_load_ps(out + r * p.ld + 16 * v), y);
+  const auto store_rows = [&](const auto& value) NERF_INLINE {
+    float* out = p.out + row * p.ld + column;
+    unrolled<R>([&](auto r) NERF_INLINE {
+      if (r < rows)
+        unrolled<NV>([&](auto v) NERF_INLINE {
+          _mm512_store_ps(out + r * p.ld + 16 * v, value(r, v, sums.of[r][v]));
+        });
     });
-    return;
-  }
-  if (!end) {
-    each([](int, int, __m512 y) { return y; });
-    return;
-  }
+  };
+  if (p.epilogue == Bf16Epilogue::kAdd)
+    return store_rows([&](auto r, auto v, __m512 y) NERF_INLINE {
+      return _mm512_add_ps(_mm512_load_ps(p.out + (row + r) * p.ld + column + 16 * v), y);
+    });
+  const auto same = [](auto, auto, __m512 y) NERF_INLINE { return y; };
+  if (!end) return store_rows(same);
+
   if (p.bias)
-    for (int r = 0; r < R; ++r)
-      for (int v = 0; v < NV; ++v)
-        acc[r][v] = _mm512_add_ps(acc[r][v], _mm512_set1_ps(r < rows ? p.bias[row + r] : 0));
+    unrolled<R>([&](auto r) NERF_INLINE {
+      const __m512 bias = _mm512_set1_ps(p.bias[row + (r < rows ? r : 0)]);
+      unrolled<NV>([&](auto v) NERF_INLINE {
+        sums.of[r][v] = _mm512_add_ps(sums.of[r][v], bias);
+      });
+    });
+  const int64_t pairs_at = column / 16 * p.pairs_stride + row * 16;
+  const auto store = [&](const auto& value) NERF_INLINE {
+    if (!p.out_pairs) return store_rows(value);
+    uint16_t* out = p.out_pairs + pairs_at;
+    unrolled<R / 2>([&](auto pair) NERF_INLINE {
+      constexpr Index<2 * decltype(pair)()> even;
+      constexpr Index<2 * decltype(pair)() + 1> odd;
+      if (even < rows)
+        unrolled<NV>([&](auto v) NERF_INLINE {
+          const __m512 low = value(even, v, sums.of[even][v]);
+          const __m512 high = value(odd, v, sums.of[odd][v]);
+          internal::store(out + v * p.pairs_stride + pair * 32,
+                          pairs_of(low, odd < rows ? high : zero));
+        });
+    });
+  };
   if (p.epilogue == Bf16Epilogue::kRelu) {
-    each([&](int, int, __m512 y) { return _mm512_max_ps(y, zero); });  // 0 of NaN
+    store([&](auto, auto, __m512 y) NERF_INLINE { return _mm512_max_ps(y, zero); });  // 0 of NaN
+  } else if (p.epilogue == Bf16Epilogue::kMask && p.mask_pairs) {
+    const uint16_t* mask = p.mask_pairs + pairs_at;
+    store_rows([&](auto r, auto v, __m512 y) NERF_INLINE {
+      const __m512i m = load(mask + v * p.pairs_stride + r / 2 * 32);
+      return _mm512_maskz_mov_ps(not_zero(m, r % 2 == 1), y);
+    });
   } else if (p.epilogue == Bf16Epilogue::kMask) {
     const float* mask = p.mask + row * p.ld + column;
-    each([&](int r, int v, __m512 y) {
+    store_rows([&](auto r, auto v, __m512 y) NERF_INLINE {
       const __m512 m = _mm512_load_ps(mask + r * p.ld + 16 * v);
       return _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(m, zero, _CMP_GT_OQ), y);
     });
   } else {
-    each([](int, int, __m512 y) { return y; });
+    store(same);
   }
 }
 
-// R rows x NV blocks of columns. With kResume the sums begin with what stands in out. Every loop
-// over the sums has constant bounds and no way past it, or the compiler keeps them in memory.
+// What finish() reads and writes comes from further caches while the sums are made.
+template <int R, int NV>
+inline __attribute__((always_inline)) void prefetch(const Bf16Product& p, int64_t row,
+                                                    int64_t column) {
+  for (int v = 0; v < NV; ++v) {
+    const int64_t pairs_at = (column / 16 + v) * p.pairs_stride + row * 16;
+    const int64_t at = row * p.ld + column + 16 * v;
+    for (int r = 0; r < R; ++r) {
+      if (!p.out_pairs)
+        _mm_prefetch(reinterpret_cast<const char*>(p.out + at + r * p.ld), _MM_HINT_ET0);
+      else if (r % 2 == 0)
+        _mm_prefetch(reinterpret_cast<const char*>(p.out_pairs + pairs_at + r * 16), _MM_HINT_ET0);
+      if (p.mask)
+        _mm_prefetch(reinterpret_cast<const char*>(p.mask + at + r * p.ld), _MM_HINT_T0);
+      else if (p.mask_pairs && r % 2 == 0)
+        _mm_prefetch(reinterpret_cast<const char*>(p.mask_pairs + pairs_at + r * 16), _MM_HINT_T0);
+    }
+  }
+}
+
+// R rows x NV blocks of columns. With kResume the sums begin with what stands in out.
 template <int R, int NV, bool kResume>
 void block(const uint16_t* a, const Bf16Product& p, const uint16_t* b, int64_t first, int64_t last,
            int64_t row, int64_t column) {
   const int64_t b_stride = p.depth_blocks * kBf16Block;
-  // What finish() reads and writes comes from further caches while the sums are made.
-  for (int r = 0; r < R; ++r)
-    for (int v = 0; v < NV; ++v) {
-      const int64_t at = (row + r) * p.ld + column + 16 * v;
-      _mm_prefetch(reinterpret_cast<const char*>(p.out + at), _MM_HINT_ET0);
-      if (p.mask) _mm_prefetch(reinterpret_cast<const char*>(p.mask + at), _MM_HINT_T0);
-    }
-  __m512 acc[R][NV];
-  if constexpr (kResume) {
-    const int64_t rows = p.rows - row;
-    const float* out = p.out + row * p.ld + column;
-    for (int r = 0; r < R; ++r) {
-      const float* from = out + (r < rows ? r : 0) * p.ld;  // rows beyond: any, not stored
-      for (int v = 0; v < NV; ++v) acc[r][v] = _mm512_load_ps(from + 16 * v);
-    }
-  } else {
-    for (int r = 0; r < R; ++r)
-      for (int v = 0; v < NV; ++v) acc[r][v] = _mm512_setzero_ps();
-  }
+  prefetch<R, NV>(p, row, column);
+  Sums<R, NV> sums;
+  unrolled<R>([&](auto r) NERF_INLINE {
+    unrolled<NV>([&](auto v) NERF_INLINE {
+      if constexpr (kResume) {  // rows beyond: any, not stored
+        const int64_t from = row + (r < p.rows - row ? r : 0);
+        sums.of[r][v] = _mm512_load_ps(p.out + from * p.ld + column + 16 * v);
+      } else {
+        sums.of[r][v] = _mm512_setzero_ps();
+      }
+    });
+  });
   for (int64_t k = first; k < last; ++k) {
     const uint16_t* ak = a + k * kBf16Block;
     const uint16_t* bk = b + k * kBf16Block;
     const int64_t left = p.depth_pairs - 16 * k, pairs = left < 16 ? left : 16;
     for (int64_t pair = 0; pair < pairs; ++pair) {
-      __m512bh x[NV];
-      for (int v = 0; v < NV; ++v) x[v] = (__m512bh)load(bk + v * b_stride + pair * 32);
-      for (int r = 0; r < R; ++r) {
+      Sums<1, NV> x;
+      unrolled<NV>([&](auto v) NERF_INLINE {
+        x.of[0][v] = (__m512)load(bk + v * b_stride + pair * 32);
+      });
+      unrolled<R>([&](auto r) NERF_INLINE {
         int w;
         __builtin_memcpy(&w, ak + r * 32 + pair * 2, sizeof w);
         const __m512bh ws = (__m512bh)_mm512_set1_epi32(w);
-        for (int v = 0; v < NV; ++v) acc[r][v] = _mm512_dpbf16_ps(acc[r][v], ws, x[v]);
-      }
+        unrolled<NV>([&](auto v) NERF_INLINE {
+          sums.of[r][v] = _mm512_dpbf16_ps(sums.of[r][v], ws, (__m512bh)x.of[0][v]);
+        });
+      });
     }
   }
-  finish<R, NV>(p, acc, row, column, last == p.depth_blocks);
+  finish(p, sums, row, column, last == p.depth_blocks);
 }
 
 template <int R, int NV>
@@ -127,14 +181,11 @@ void strip(const Bf16Product& p, const uint16_t* b, int64_t first, int64_t last,
 }  // namespace
 
 void bf16_product_avx512(const Bf16Product& p) {
-  // Of depth, so that a strip of three blocks of columns leaves room in a first-level cache of 32
-  // KB.
-  constexpr int64_t kMostBlocks = 8;
   for (int64_t c = 0; c < p.column_blocks;) {
     const int64_t vectors = p.column_blocks - c < 3 ? p.column_blocks - c : 3;
     const uint16_t* b = p.b + c * p.depth_blocks * kBf16Block;
-    for (int64_t k = 0; k < p.depth_blocks; k += kMostBlocks) {
-      const int64_t end = k + kMostBlocks < p.depth_blocks ? k + kMostBlocks : p.depth_blocks;
+    for (int64_t k = 0; k < p.depth_blocks; k += kBf16MostBlocks) {
+      const int64_t end = k + kBf16MostBlocks < p.depth_blocks ? k + kBf16MostBlocks : p.depth_blocks;
       if (vectors == 3)
         strip<3>(p, b, k, end, c * kBf16Columns);
       else if (vectors == 2)
@@ -166,24 +217,20 @@ void bf16_pack_rows(int64_t rows, int64_t depth, const float* x, int64_t ld, uin
 
 void bf16_pack_pairs(int64_t depth, int64_t column_blocks, const float* x, int64_t ld,
                      uint16_t* out) {
-  alignas(64) static const uint16_t kInterleave[32] = {0,  16, 1,  17, 2,  18, 3,  19, 4,  20, 5,
-                                                       21, 6,  22, 7,  23, 8,  24, 9,  25, 10, 26,
-                                                       11, 27, 12, 28, 13, 29, 14, 30, 15, 31};
-  const __m512i interleave = load(kInterleave);
   const int64_t pairs = blocks(depth, kBf16Depth) * 16;
   for (int64_t c = 0; c < column_blocks; ++c)
     for (int64_t p = 0; p < pairs; ++p, out += 32) {
       const float* from = x + 2 * p * ld + c * kBf16Columns;
       const __m512 even = 2 * p < depth ? _mm512_load_ps(from) : _mm512_setzero_ps();
       const __m512 odd = 2 * p + 1 < depth ? _mm512_load_ps(from + ld) : _mm512_setzero_ps();
-      store(out, _mm512_permutexvar_epi16(interleave, rounded(even, odd)));
+      store(out, pairs_of(even, odd));
     }
 }
 
 namespace {
 
 // Transposes 16 x 16 words of 32 bits.
-void transpose(__m512i (&v)[16]) {
+inline NERF_INLINE void transpose(__m512i (&v)[16]) {
   __m512i t[16];
   for (int i = 0; i < 8; ++i) {
     t[2 * i] = _mm512_unpacklo_epi32(v[2 * i], v[2 * i + 1]);
@@ -224,6 +271,32 @@ void bf16_pack_pairs_transposed(int64_t columns, int64_t depth, const float* x, 
                          second ? _mm512_load_ps(from + 16) : _mm512_setzero_ps());
         else
           v[i] = _mm512_setzero_si512();
+      }
+      transpose(v);
+      for (int64_t i = 0; i < 16; ++i) store(out + i * 32, v[i]);
+    }
+}
+
+void bf16_transpose_pairs(int64_t rows, int64_t columns, const uint16_t* pairs, int64_t stride,
+                          uint16_t* out) {
+  alignas(64) static const uint16_t kEven[32] = {0,  2,  4,  6,  8,  10, 12, 14, 16, 18, 20,
+                                                 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 42,
+                                                 44, 46, 48, 50, 52, 54, 56, 58, 60, 62};
+  const __m512i even = load(kEven), odd = _mm512_or_si512(even, _mm512_set1_epi16(1));
+  for (int64_t r = 0; r < rows; r += 16)
+    for (int64_t c = 0; c < columns; c += 32, out += kBf16Block) {
+      const uint16_t* from = pairs + c / 16 * stride + r * 16;
+      const bool second = c + 16 < columns;
+      __m512i v[16];
+      for (int64_t i = 0; i < 16; i += 2) {
+        if (r + i < rows) {
+          const __m512i low = load(from + i * 16);
+          const __m512i high = second ? load(from + stride + i * 16) : _mm512_setzero_si512();
+          v[i] = _mm512_permutex2var_epi16(low, even, high);
+          v[i + 1] = _mm512_permutex2var_epi16(low, odd, high);
+        } else {
+          v[i] = v[i + 1] = _mm512_setzero_si512();
+        }
       }
       transpose(v);
       for (int64_t i = 0; i < 16; ++i) store(out + i * 32, v[i]);

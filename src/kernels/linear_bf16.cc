@@ -47,23 +47,38 @@ void multiply(const Bf16Product& p) {
   }
 }
 
-// p.out = a x: the rows' factor is packed, the columns of x are not.
-void multiply_columns(Bf16Product p, int depth, const float* x, int64_t n) {
+// The output of p = a x, whose rows' factor is packed; p.out and p.mask are the first columns'.
+void multiply_columns(Bf16Product p, int depth, LayerInput x, int64_t n) {
   const int64_t columns = blocks(n, kBf16Columns);
-  float* const out = p.out;
-  const float* const mask = p.mask;
   p.depth_blocks = blocks(depth, kBf16Depth);
   p.depth_pairs = blocks(depth, 2);
+  p.pairs_stride = blocks(p.rows, kBf16Depth) * kBf16Block;
+  if (x.pairs) {
+    p.b = x.pairs;
+    p.column_blocks = columns;
+    return multiply(p);
+  }
   constexpr int64_t kStripBlocks = kStrip / kBf16Columns;
   uint16_t* packed = scratch(right_factor, kStripBlocks * p.depth_blocks * kBf16Block);
-  p.b = packed;
   for (int64_t c = 0; c < columns; c += kStripBlocks) {
-    p.column_blocks = std::min(kStripBlocks, columns - c);
-    bf16_pack_pairs(depth, p.column_blocks, x + c * kBf16Columns, p.ld, packed);
-    p.out = out + c * kBf16Columns;
-    if (mask) p.mask = mask + c * kBf16Columns;
-    multiply(p);
+    Bf16Product strip = p;
+    strip.b = packed;
+    strip.column_blocks = std::min(kStripBlocks, columns - c);
+    bf16_pack_pairs(depth, strip.column_blocks, x.rows + c * kBf16Columns, p.ld, packed);
+    if (p.out) strip.out += c * kBf16Columns;
+    if (p.mask) strip.mask += c * kBf16Columns;
+    if (p.out_pairs) strip.out_pairs += c * p.pairs_stride;
+    if (p.mask_pairs) strip.mask_pairs += c * p.pairs_stride;
+    multiply(strip);
   }
+}
+
+// Pairs behind the last row, which the next product's depth may reach.
+void clear_pairs_beyond(int rows, int64_t n, uint16_t* pairs) {
+  const int64_t stride = blocks(rows, kBf16Depth) * kBf16Block, used = blocks(rows, 2) * 32;
+  if (used == stride) return;
+  for (int64_t c = 0; c < n; c += kBf16Columns, pairs += stride)
+    std::fill(pairs + used, pairs + stride, uint16_t{0});
 }
 
 }  // namespace
@@ -86,35 +101,44 @@ void pack_layer(int in, int out, const float* w, uint16_t* packed) {
   }
 }
 
-void linear_forward_bf16(int in, int out, const uint16_t* packed, const float* bias, const float* x,
-                         float* y, int64_t ld, int64_t n, LinearActivation activation) {
+bool layer_writes_pairs(int in, int out) {
+  return out >= 16 && in <= kBf16MostBlocks * kBf16Depth;
+}
+
+void linear_forward_bf16(int in, int out, const uint16_t* packed, const float* bias, LayerInput x,
+                         LayerOutput y, int64_t ld, int64_t n, LinearActivation activation) {
+  NERF_CHECK(!y.pairs || layer_writes_pairs(in, out));
   Bf16Product p;
   p.a = packed;
   p.rows = out;
-  p.out = y;
+  p.out = y.rows;
+  p.out_pairs = y.pairs;
   p.ld = ld;
   p.bias = bias;
   p.epilogue = activation == LinearActivation::kRelu ? Bf16Epilogue::kRelu : Bf16Epilogue::kNone;
   multiply_columns(p, in, x, n);
+  if (y.pairs) clear_pairs_beyond(out, n, y.pairs);
 }
 
 void linear_backward_input_bf16(int in, int out, const uint16_t* packed, const float* dy, float* dx,
-                                int64_t ld, int64_t n, const float* relu_output) {
+                                int64_t ld, int64_t n, LayerInput relu_output) {
   Bf16Product p;
   p.a = packed + round_up(out, kBf16Rows) * round_up(in, kBf16Depth);
   p.rows = in;
   p.out = dx;
   p.ld = ld;
-  p.mask = relu_output;
-  p.epilogue = relu_output ? Bf16Epilogue::kMask : Bf16Epilogue::kNone;
+  p.mask = relu_output.rows;
+  p.mask_pairs = relu_output.pairs;
+  p.epilogue = p.mask || p.mask_pairs ? Bf16Epilogue::kMask : Bf16Epilogue::kNone;
   multiply_columns(p, out, dy, n);
 }
 
-void linear_backward_weights_bf16(int in, int out, const float* dy, const float* x, int64_t ld,
+void linear_backward_weights_bf16(int in, int out, const float* dy, LayerInput x, int64_t ld,
                                   int64_t n, float* dw, float* dbias) {
   if (dbias) linear_backward_bias(out, dy, ld, n, dbias);
   const int64_t end = round_up(n, kLane), columns = blocks(in, kBf16Columns);
   constexpr int64_t kStripBlocks = kStrip / kBf16Columns;
+  const int64_t pairs_stride = blocks(in, kBf16Depth) * kBf16Block;
   for (int64_t s = 0; s < end; s += kMostSamples) {
     const int64_t samples = std::min(kMostSamples, end - s);
     Bf16Product p;
@@ -131,8 +155,12 @@ void linear_backward_weights_bf16(int in, int out, const float* dy, const float*
     for (int64_t c = 0; c < columns; c += kStripBlocks) {
       p.column_blocks = std::min(kStripBlocks, columns - c);
       const int64_t first = c * kBf16Columns;
-      bf16_pack_pairs_transposed(std::min(in - first, p.column_blocks * kBf16Columns), samples,
-                                 x + first * ld + s, ld, right);
+      const int64_t rows = std::min(in - first, p.column_blocks * kBf16Columns);
+      if (x.pairs)
+        bf16_transpose_pairs(rows, samples, x.pairs + s / kBf16Columns * pairs_stride + first * 16,
+                             pairs_stride, right);
+      else
+        bf16_pack_pairs_transposed(rows, samples, x.rows + first * ld + s, ld, right);
       p.out = dw + first;
       multiply(p);
     }
@@ -142,15 +170,16 @@ void linear_backward_weights_bf16(int in, int out, const float* dy, const float*
 #else
 
 void pack_layer(int, int, const Real*, uint16_t*) { NERF_CHECK(false); }
-void linear_forward_bf16(int, int, const uint16_t*, const Real*, const Real*, Real*, int64_t,
+bool layer_writes_pairs(int, int) { return false; }
+void linear_forward_bf16(int, int, const uint16_t*, const Real*, LayerInput, LayerOutput, int64_t,
                          int64_t, LinearActivation) {
   NERF_CHECK(false);
 }
 void linear_backward_input_bf16(int, int, const uint16_t*, const Real*, Real*, int64_t, int64_t,
-                                const Real*) {
+                                LayerInput) {
   NERF_CHECK(false);
 }
-void linear_backward_weights_bf16(int, int, const Real*, const Real*, int64_t, int64_t, Real*,
+void linear_backward_weights_bf16(int, int, const Real*, LayerInput, int64_t, int64_t, Real*,
                                   Real*) {
   NERF_CHECK(false);
 }

@@ -80,6 +80,8 @@ inline void _mm512_store_ps(void* p, __m512 v) { *static_cast<__m512*>(p) = v; }
 inline __m512i _mm512_load_si512(const void* p) { return *static_cast<const __m512i*>(p); }
 inline void _mm512_store_si512(void* p, __m512i v) { *static_cast<__m512i*>(p) = v; }
 
+inline __m512i _mm512_or_si512(__m512i a, __m512i b) { return a | b; }
+
 inline __m512 _mm512_add_ps(__m512 a, __m512 b) { return a + b; }
 // The second where either is not a number, or both are 0.
 inline __m512 _mm512_max_ps(__m512 a, __m512 b) {

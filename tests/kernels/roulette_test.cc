@@ -9,6 +9,7 @@
 
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
+#include "nerf/kernels/linear_bf16.h"
 #include "nerf/math/reference/roulette.h"
 
 namespace nerf {
@@ -79,6 +80,32 @@ TEST(Roulette, KeptColumnsMoveToTheFront) {
                 << "row " << k << " column " << kept[j] << " of " << n;
       });
     }
+}
+
+TEST(Roulette, KeptColumnsOfPairsMoveToTheFront) {
+  for (const int rows : {16, 33, 64})
+    for (const int64_t n : kCounts)
+      for (const double share : {0.0, 0.1, 0.5, 1.0}) {
+        Random random(53, static_cast<uint64_t>(n), static_cast<uint64_t>(10 * share));
+        std::vector<int32_t> kept;
+        for (int32_t i = 0; i < n; ++i)
+          if (static_cast<double>(random.uniform()) < share) kept.push_back(i);
+        const size_t size = static_cast<size_t>(pairs_size(rows, n));
+        AlignedArray<uint16_t> before(size + 1);  // and one behind them
+        for (uint16_t& x : before) x = static_cast<uint16_t>(random.below(1 << 16));
+        for_each_target([&](const std::string&) {
+          AlignedArray<uint16_t> x = before;
+          keep_pairs(rows, kept.data(), static_cast<int64_t>(kept.size()), x.data());
+          EXPECT_EQ(x[size], before[size]);
+          const auto at = [&](const AlignedArray<uint16_t>& a, int row, int64_t column) {
+            return a[static_cast<size_t>(pair_index(rows, row, column))];
+          };
+          for (int k = 0; k < rows; ++k)
+            for (size_t j = 0; j < kept.size(); ++j)
+              ASSERT_EQ(at(x, k, static_cast<int64_t>(j)), at(before, k, kept[j]))
+                  << "row " << k << " column " << kept[j] << " of " << n;
+        });
+      }
 }
 
 TEST(Roulette, KeepsWhatIsLargeAndOfTheRestWhatTheyAddUpTo) {

@@ -66,8 +66,13 @@ struct Chunk {
   };
   std::vector<Bound> bound;  // of each value, see bind()
 
+  // Not of a value that stands as pairs.
   Real* data(Value v);
   const Real* data(Value v) const;
+  // Whether only layers touch the value, which in a chunk of bf16 makes it pairs
+  // (kernels/linear_bf16.h), and where those are: in the memory of its rows.
+  bool has_pairs(Value v) const;
+  uint16_t* pairs(Value v);
   Real* gradient(Value v);
   // Where the value, and the gradient of an input that has one, are from now on: memory of the
   // caller's [rows x stride(v)], aligned to 64 bytes; null for the chunk's own. Spares a copy, or
@@ -75,6 +80,9 @@ struct Chunk {
   void bind(Value v, Real* data, Real* gradient);
   int64_t stride(Value v) const;  // floats between rows
   int64_t count(Value v) const;   // columns in use
+
+ private:
+  const Real* memory(Value v) const;
 };
 
 // Forward and backward side by side. backward() finds the gradient of the output and must write the
@@ -87,6 +95,9 @@ class Operation {
   virtual const char* name() const = 0;
   virtual void forward(Chunk& chunk) const = 0;
   virtual void backward(Chunk& chunk) const = 0;
+  // Whether it could leave its output, and take its inputs, as pairs.
+  virtual bool writes_pairs() const { return false; }
+  virtual bool reads_pairs() const { return false; }
 
   const std::vector<Value>& inputs() const { return inputs_; }
   Value output() const { return output_; }
@@ -112,6 +123,8 @@ class Tape {
   // Scratch memory of an operation, in floats; contents do not survive the operation.
   void need_scratch(size_t floats);
   void record(std::unique_ptr<Operation> operation);
+  // An operation reads v, which is none of its inputs, or the caller does: never pairs.
+  void keep_rows(Value v);
   void plan();
 
   void forward(Chunk& chunk) const { forward(chunk, 0, operations()); }
@@ -138,6 +151,7 @@ class Tape {
     Domain domain;
     bool gradient;
     size_t data = 0, grad = 0;
+    bool only_rows = false, pairs = false;
   };
   int samples_, rays_;
   std::vector<Info> values_;

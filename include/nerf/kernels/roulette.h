@@ -25,5 +25,7 @@ int64_t gradient_roulette(int64_t n, const Real* norms, Real least, double offse
 // Moves `count` columns, `kept` in ascending order, of x [rows x columns], rows `ld` apart, to the
 // front. ld is a multiple of kLane. What stands behind them afterwards is as finite as x was.
 void keep_columns(int rows, const int32_t* kept, int64_t count, Real* x, int64_t ld);
+// The same of values that stand as pairs (kernels/linear_bf16.h).
+void keep_pairs(int rows, const int32_t* kept, int64_t count, uint16_t* pairs);
 
 }  // namespace nerf
