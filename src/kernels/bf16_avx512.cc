@@ -10,20 +10,8 @@ namespace {
 
 int64_t blocks(int64_t n, int64_t unit) { return (n + unit - 1) / unit; }
 
-// body(Index<0>()), body(Index<1>()) ...: an array that is indexed by nothing but these stays in
-// registers, which a loop over it does not promise.
-template <int I>
-struct Index {
-  constexpr operator int() const { return I; }
-};
-template <int kCount, int kFirst = 0, class Body>
-inline __attribute__((always_inline)) void unrolled(const Body& body) {
-  if constexpr (kFirst < kCount) {
-    body(Index<kFirst>());
-    unrolled<kCount, kFirst + 1>(body);
-  }
-}
 #define NERF_INLINE __attribute__((always_inline))
+#include "kernels/unrolled.inc"
 
 // R rows x NV blocks of columns of sums.
 template <int R, int NV>
@@ -218,12 +206,16 @@ void bf16_pack_rows(int64_t rows, int64_t depth, const float* x, int64_t ld, uin
 void bf16_pack_pairs(int64_t depth, int64_t column_blocks, const float* x, int64_t ld,
                      uint16_t* out) {
   const int64_t pairs = blocks(depth, kBf16Depth) * 16;
+  // The next strip is asked for: rows are too far apart for the processor to see what comes.
+  const auto row = [&](int64_t k, const float* from) {
+    if (k >= depth) return _mm512_setzero_ps();
+    _mm_prefetch(reinterpret_cast<const char*>(from + column_blocks * kBf16Columns), _MM_HINT_T0);
+    return _mm512_load_ps(from);
+  };
   for (int64_t c = 0; c < column_blocks; ++c)
     for (int64_t p = 0; p < pairs; ++p, out += 32) {
       const float* from = x + 2 * p * ld + c * kBf16Columns;
-      const __m512 even = 2 * p < depth ? _mm512_load_ps(from) : _mm512_setzero_ps();
-      const __m512 odd = 2 * p + 1 < depth ? _mm512_load_ps(from + ld) : _mm512_setzero_ps();
-      store(out, pairs_of(even, odd));
+      store(out, pairs_of(row(2 * p, from), row(2 * p + 1, from + ld)));
     }
 }
 

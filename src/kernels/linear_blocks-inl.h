@@ -1,6 +1,5 @@
 // What the kernels of linear layers share on each target: the size of their register blocks.
-// Highway's pattern for headers that are compiled once per target; without functions of vectors,
-// which alone would need its attributes.
+// Highway's pattern for headers that are compiled once per target.
 #if defined(NERF_KERNELS_LINEAR_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef NERF_KERNELS_LINEAR_BLOCKS_INL_H_
 #undef NERF_KERNELS_LINEAR_BLOCKS_INL_H_
@@ -10,12 +9,17 @@
 
 #include <hwy/highway.h>
 
+HWY_BEFORE_NAMESPACE();
 namespace nerf {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::ScalableTag<float>;
 using V = hn::Vec<D>;
+
+#undef NERF_INLINE
+#define NERF_INLINE HWY_ATTR __attribute__((always_inline))
+#include "kernels/unrolled.inc"
 
 // Register blocks: kRows x 3 vectors of accumulators, so that the loads of a step (3 vectors and
 // kRows broadcasts) stay below its multiply-adds. 16 vector registers on AVX2, 32 on AVX-512 and
@@ -43,5 +47,6 @@ constexpr bool is_wide(int in, int out) { return in >= kWide && out >= kWide; }
 
 }  // namespace HWY_NAMESPACE
 }  // namespace nerf
+HWY_AFTER_NAMESPACE();
 
 #endif  // per-target include guard

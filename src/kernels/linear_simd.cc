@@ -42,34 +42,35 @@ HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
           __builtin_prefetch(mask + r * ld + v * lanes, 0, 3);
       }
   V acc[R][NV];
-  if (resume) {
-    for (int r = 0; r < R; ++r)
-      for (int v = 0; v < NV; ++v) acc[r][v] = hn::Load(d, out + r * ld + v * lanes);
-  } else {
-    for (int r = 0; r < R; ++r)
-      for (int v = 0; v < NV; ++v) acc[r][v] = bias ? hn::Set(d, bias[r]) : hn::Zero(d);
-  }
+  const auto each = [](const auto& body) NERF_INLINE {
+    unrolled<R>([&](auto r) NERF_INLINE { unrolled<NV>([&](auto v) NERF_INLINE { body(r, v); }); });
+  };
+  if (resume)
+    each([&](auto r, auto v) NERF_INLINE { acc[r][v] = hn::Load(d, out + r * ld + v * lanes); });
+  else if (bias)
+    each([&](auto r, auto v) NERF_INLINE { acc[r][v] = hn::Set(d, bias[r]); });
+  else
+    each([&](auto r, auto v) NERF_INLINE { acc[r][v] = hn::Zero(d); });
   for (int k = 0; k < depth; ++k) {
     V x[NV];
-    for (int v = 0; v < NV; ++v) x[v] = hn::Load(d, b + k * ld + v * lanes);
+    unrolled<NV>([&](auto v) NERF_INLINE { x[v] = hn::Load(d, b + k * ld + v * lanes); });
     if constexpr (kFirst)
       for (size_t v = 0; v < NV * lanes; v += kLane)
         __builtin_prefetch(b + k * ld + NV * lanes + v, 0, 3);
-    for (int r = 0; r < R; ++r) {
+    unrolled<R>([&](auto r) NERF_INLINE {
       const V w = hn::Set(d, a[r * a_row + k * a_col]);
-      for (int v = 0; v < NV; ++v) acc[r][v] = hn::MulAdd(w, x[v], acc[r][v]);
-    }
+      unrolled<NV>([&](auto v) NERF_INLINE { acc[r][v] = hn::MulAdd(w, x[v], acc[r][v]); });
+    });
   }
-  for (int r = 0; r < R; ++r)
-    for (int v = 0; v < NV; ++v) {
-      V y = acc[r][v];
-      if constexpr (kEpilogue == Epilogue::kRelu) y = hn::Max(y, hn::Zero(d));
-      if constexpr (kEpilogue == Epilogue::kMask) {
-        const V m = hn::Load(d, mask + r * ld + v * lanes);
-        y = hn::IfThenElseZero(hn::Gt(m, hn::Zero(d)), y);
-      }
-      hn::Store(y, d, out + r * ld + v * lanes);
+  each([&](auto r, auto v) NERF_INLINE {
+    V y = acc[r][v];
+    if constexpr (kEpilogue == Epilogue::kRelu) y = hn::Max(y, hn::Zero(d));
+    if constexpr (kEpilogue == Epilogue::kMask) {
+      const V m = hn::Load(d, mask + r * ld + v * lanes);
+      y = hn::IfThenElseZero(hn::Gt(m, hn::Zero(d)), y);
     }
+    hn::Store(y, d, out + r * ld + v * lanes);
+  });
 }
 
 template <int NV, Epilogue kEpilogue>
@@ -99,9 +100,10 @@ struct Rows {
   Rows from_column(int k) const { return {a + k * column, block, row, column}; }
 };
 
-// One strip of NV vectors of samples through all rows: the strip of b stays in L1 meanwhile.
+// One strip of NV vectors of samples through all rows: the strip of b stays in L1 meanwhile. On its
+// own: within its caller, compilers run out of registers for addresses.
 template <int NV, Epilogue kEpilogue>
-void strip(int rows, const Rows& w, const float* b, int depth, int64_t ld, const float* bias,
+HWY_NOINLINE void strip(int rows, const Rows& w, const float* b, int depth, int64_t ld, const float* bias,
            bool resume, const float* mask, float* out) {
   int r = 0;
   const float* a = w.a;

@@ -57,8 +57,9 @@ HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const floa
   const D d;
   const int64_t lanes = static_cast<int64_t>(hn::Lanes(d));
   V acc[R][kOuterColumns];
-  for (int r = 0; r < R; ++r)
-    for (int c = 0; c < kOuterColumns; ++c) acc[r][c] = hn::Zero(d);
+  unrolled<R>([&](auto r) NERF_INLINE {
+    unrolled<kOuterColumns>([&](auto c) NERF_INLINE { acc[r][c] = hn::Zero(d); });
+  });
   const float* HWY_RESTRICT x0 = x[0];
   const float* HWY_RESTRICT x1 = x[1];
   const float* HWY_RESTRICT x2 = x[2];
@@ -70,16 +71,16 @@ HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const floa
     }
     const V v0 = hn::Load(d, x0 + s), v1 = hn::Load(d, x1 + s);
     const V v2 = hn::Load(d, x2 + s), v3 = hn::Load(d, x3 + s);
-    for (int r = 0; r < R; ++r) {
+    unrolled<R>([&](auto r) NERF_INLINE {
       const V g = hn::Load(d, dy + r * ld + s);
       acc[r][0] = hn::MulAdd(g, v0, acc[r][0]);
       acc[r][1] = hn::MulAdd(g, v1, acc[r][1]);
       acc[r][2] = hn::MulAdd(g, v2, acc[r][2]);
       acc[r][3] = hn::MulAdd(g, v3, acc[r][3]);
-    }
+    });
   }
   const hn::CappedTag<float, 4> d4;
-  for (int r = 0; r < R; ++r) {
+  unrolled<R>([&](auto r) NERF_INLINE {
     const auto sum = sums_of_four(acc[r][0], acc[r][1], acc[r][2], acc[r][3]);
     float* to = dw + r * ldw;
     if (columns == kOuterColumns) {
@@ -89,7 +90,7 @@ HWY_INLINE void outer_block(const float* HWY_RESTRICT dy, int64_t ld, const floa
       hn::Store(sum, d4, part);
       for (int c = 0; c < columns; ++c) to[c] += part[c];
     }
-  }
+  });
 }
 
 template <bool kAsk>

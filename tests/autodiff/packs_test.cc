@@ -48,25 +48,29 @@ class PackedLayers : public ::testing::Test {
     }
   }
 
-  Results run(const LayerPacks* packs) const {
+  Results run(const LayerPacks* packs) const { return run(packs, tape_, output_); }
+  Results run(const LayerPacks* packs, const Tape& tape, Value output) const {
     AlignedArray<Real> gradient(weights_.size());
-    Chunk chunk(tape_);
+    Chunk chunk(tape);
     chunk.weights = weights_.data();
     chunk.weight_gradient = gradient.data();
     chunk.packs = packs;
+    const int32_t ray_begin[] = {0, kSamples};
     chunk.samples = kSamples;
-    const int64_t ld = chunk.stride(input_), lo = chunk.stride(output_);
+    chunk.rays = 1;
+    chunk.ray_begin = ray_begin;
+    const int64_t ld = chunk.stride(input_), lo = chunk.stride(output);
     Random random(8, 0, 0);
     for (int r = 0; r < layers_.front().in; ++r)
       for (int s = 0; s < kSamples; ++s) chunk.data(input_)[r * ld + s] = 2 * random.uniform() - 1;
-    tape_.forward(chunk);
+    tape.forward(chunk);
     for (int r = 0; r < layers_.back().out; ++r)
       for (int s = 0; s < kSamples; ++s)
-        chunk.gradient(output_)[r * lo + s] = 2 * random.uniform() - 1;
-    tape_.backward(chunk);
+        chunk.gradient(output)[r * lo + s] = 2 * random.uniform() - 1;
+    tape.backward(chunk);
     Results out;
     for (int r = 0; r < layers_.back().out; ++r)
-      for (int s = 0; s < kSamples; ++s) out.output.push_back(chunk.data(output_)[r * lo + s]);
+      for (int s = 0; s < kSamples; ++s) out.output.push_back(chunk.data(output)[r * lo + s]);
     for (int r = 0; r < layers_.front().in; ++r)
       for (int s = 0; s < kSamples; ++s)
         out.input_gradient.push_back(chunk.gradient(input_)[r * ld + s]);
@@ -86,6 +90,34 @@ class PackedLayers : public ::testing::Test {
   Value input_ = 0, output_ = 0;
   AlignedArray<Real> weights_;
 };
+
+// Hidden values as pairs give the bits that rows give, also where the backward pass goes on with a
+// part of the samples.
+TEST_F(PackedLayers, PairsChangeNothing) {
+  for_each_bf16_unit([&](Bf16Unit) {
+    const LayerPacks packs = packed(Precision::kBf16);
+    for (const bool some : {false, true}) {
+      const auto results = [&](bool pairs) {
+        Tape tape(kSamples, kLane);
+        const Value input = tape.input(layers_.front().in, Domain::kSamples, true);
+        const Value output = mlp(tape, input, layers_);
+        for (Value v = input + 1; !pairs && v < output; ++v) tape.keep_rows(v);
+        if (some) roulette(tape, output, 1);
+        const Value scaled = scale_shift(tape, output, 2, 0);
+        tape.plan();
+        Chunk chunk(tape);
+        chunk.packs = &packs;
+        for (Value v = input; v <= output; ++v)
+          EXPECT_EQ(chunk.has_pairs(v), pairs && v > input && v < output);
+        return run(&packs, tape, scaled);
+      };
+      const Results got = results(true), want = results(false);
+      EXPECT_EQ(got.output, want.output);
+      EXPECT_EQ(got.input_gradient, want.input_gradient);
+      EXPECT_EQ(got.weight_gradient, want.weight_gradient);
+    }
+  });
+}
 
 double relative(const std::vector<Real>& got, const std::vector<Real>& want) {
   double error = 0, size = 0;
