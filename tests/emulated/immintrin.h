@@ -2,6 +2,7 @@
 // sources can be tested on processors that lack them. It stands in front of the compiler's own header.
 #pragma once
 
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -41,18 +42,14 @@ using I64 = Lanes<uint64_t>;
 
 // Denormals count as 0, in operands and in results.
 inline float flushed(float x) { return std::fabs(x) < 0x1p-126f ? std::copysign(0.0f, x) : x; }
-inline float widened(uint16_t half) {
-  const uint32_t bits = uint32_t{half} << 16;
-  float x;
-  std::memcpy(&x, &bits, sizeof x);
-  return flushed(x);
+// The first or the second number of a pair.
+inline float part_of(uint32_t pair, bool second) {
+  return flushed(std::bit_cast<float>(second ? pair & 0xffff0000u : pair << 16));
 }
 inline uint16_t rounded(float x) {
-  uint32_t bits;
-  x = flushed(x);
-  std::memcpy(&bits, &x, sizeof bits);
-  if (std::isnan(x)) return static_cast<uint16_t>(bits >> 16 | 0x40);
-  return static_cast<uint16_t>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);
+  const uint32_t bits = std::bit_cast<uint32_t>(flushed(x));
+  return static_cast<uint16_t>(std::isnan(x) ? bits >> 16 | 0x40
+                                             : (bits + 0x7fff + (bits >> 16 & 1)) >> 16);
 }
 inline float multiply_add(float a, float b, float sum) {
   return flushed(std::fma(a, b, flushed(sum)));
@@ -174,23 +171,21 @@ inline __m512bh _mm512_cvtne2ps_pbh(__m512 high, __m512 low) {
   return (__m512bh)(__m512i)to;
 }
 inline __m512 _mm512_dpbf16_ps(__m512 sum, __m512bh a, __m512bh b) {
+  using emulated::multiply_add, emulated::part_of;
   emulated::F32 to(sum);
-  const emulated::I16 x((__m512i)a), y((__m512i)b);
-  const auto product = [&](int i, float s) {
-    return emulated::multiply_add(emulated::widened(x.lane[i]), emulated::widened(y.lane[i]), s);
-  };
-  for (int i = 0; i < to.kCount; ++i)
-    to.lane[i] = product(2 * i, product(2 * i + 1, to.lane[i]));
+  const emulated::I32 x((__m512i)a), y((__m512i)b);
+  for (int i = 0; i < to.kCount; ++i) {
+    float& s = to.lane[i];
+    s = multiply_add(part_of(x.lane[i], true), part_of(y.lane[i], true), s);
+    s = multiply_add(part_of(x.lane[i], false), part_of(y.lane[i], false), s);
+  }
   return to;
 }
 
 // Tiles: each thread's eight, all of 16 rows of 64 bytes.
 namespace emulated {
 struct alignas(64) Tile {
-  union {
-    float sums[16][16];
-    uint16_t halves[16][32];
-  };
+  uint32_t words[16][16];
 };
 inline thread_local Tile tiles[8];
 }  // namespace emulated
@@ -200,24 +195,30 @@ inline void _tile_release() {}
 inline void _tile_zero(int tile) { std::memset(&emulated::tiles[tile], 0, sizeof(emulated::Tile)); }
 inline void _tile_loadd(int tile, const void* from, int64_t stride) {
   for (int r = 0; r < 16; ++r)
-    std::memcpy(emulated::tiles[tile].halves[r], static_cast<const char*>(from) + r * stride, 64);
+    std::memcpy(emulated::tiles[tile].words[r], static_cast<const char*>(from) + r * stride, 64);
 }
 inline void _tile_stored(int tile, void* to, int64_t stride) {
   for (int r = 0; r < 16; ++r)
-    std::memcpy(static_cast<char*>(to) + r * stride, emulated::tiles[tile].halves[r], 64);
+    std::memcpy(static_cast<char*>(to) + r * stride, emulated::tiles[tile].words[r], 64);
 }
 inline void _tile_dpbf16ps(int sums, int left, int right) {
-  using emulated::multiply_add, emulated::tiles, emulated::widened;
-  for (int r = 0; r < 16; ++r)
-    for (int c = 0; c < 16; ++c) {
-      float first = 0, second = 0;
-      for (int k = 0; k < 16; ++k) {
-        const uint16_t *a = tiles[left].halves[r] + 2 * k, *b = tiles[right].halves[k] + 2 * c;
-        first = multiply_add(widened(a[0]), widened(b[0]), first);
-        second = multiply_add(widened(a[1]), widened(b[1]), second);
+  using emulated::flushed, emulated::multiply_add, emulated::part_of, emulated::tiles;
+  for (int r = 0; r < 16; ++r) {
+    float first[16] = {}, second[16] = {};
+    for (int k = 0; k < 16; ++k) {
+      const uint32_t a = tiles[left].words[r][k];
+      const float a0 = part_of(a, false), a1 = part_of(a, true);
+      for (int c = 0; c < 16; ++c) {
+        const uint32_t b = tiles[right].words[k][c];
+        first[c] = multiply_add(a0, part_of(b, false), first[c]);
+        second[c] = multiply_add(a1, part_of(b, true), second[c]);
       }
-      float& sum = tiles[sums].sums[r][c];
-      sum = emulated::flushed(sum + emulated::flushed(first + second));
     }
+    for (int c = 0; c < 16; ++c) {
+      uint32_t& to = tiles[sums].words[r][c];
+      to = std::bit_cast<uint32_t>(
+          flushed(std::bit_cast<float>(to) + flushed(first[c] + second[c])));
+    }
+  }
 }
 // NOLINTEND
