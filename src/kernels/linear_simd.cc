@@ -22,6 +22,9 @@ constexpr int kDeepEnough = 32;
 
 enum class Epilogue { kNone, kRelu, kMask };
 
+// From one of a strip's lines to the next that is asked for.
+constexpr size_t kAsked = kLane;
+
 // out[r][s] = sum_k a(r, k) * b[k][s] for R rows and NV vectors of samples. a(r, k) stands at
 // a[r * a_row + k * a_col]: rows of W forward, columns of W backward. With `resume` the sums begin
 // with what stands in out: a deep sum in parts, of the same bits as in one. The first block of a
@@ -34,13 +37,14 @@ HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
   const D d;
   const size_t lanes = hn::Lanes(d);
   // What the end reads and writes comes from further caches while the sums are made.
-  if (depth >= kDeepEnough)
-    for (int r = 0; r < R; ++r)
-      for (int v = 0; v < NV; ++v) {
-        __builtin_prefetch(out + r * ld + v * lanes, 1, 3);
-        if constexpr (kEpilogue == Epilogue::kMask)
-          __builtin_prefetch(mask + r * ld + v * lanes, 0, 3);
+  if (depth >= kDeepEnough) {
+    const float *y = out, *m = mask;
+    for (int r = 0; r < R; ++r, y += ld, m += kEpilogue == Epilogue::kMask ? ld : 0)
+      for (size_t v = 0; v < NV * lanes; v += kAsked) {
+        __builtin_prefetch(y + v, 1, 3);
+        if constexpr (kEpilogue == Epilogue::kMask) __builtin_prefetch(m + v, 0, 3);
       }
+  }
   V acc[R][NV];
   const auto each = [](const auto& body) NERF_INLINE {
     unrolled<R>([&](auto r) NERF_INLINE { unrolled<NV>([&](auto v) NERF_INLINE { body(r, v); }); });
@@ -62,14 +66,16 @@ HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
       unrolled<NV>([&](auto v) NERF_INLINE { acc[r][v] = hn::MulAdd(w, x[v], acc[r][v]); });
     });
   }
-  each([&](auto r, auto v) NERF_INLINE {
-    V y = acc[r][v];
-    if constexpr (kEpilogue == Epilogue::kRelu) y = hn::Max(y, hn::Zero(d));
-    if constexpr (kEpilogue == Epilogue::kMask) {
-      const V m = hn::Load(d, mask + r * ld + v * lanes);
-      y = hn::IfThenElseZero(hn::Gt(m, hn::Zero(d)), y);
-    }
-    hn::Store(y, d, out + r * ld + v * lanes);
+  unrolled<R>([&](auto r) NERF_INLINE {
+    unrolled<NV>([&](auto v) NERF_INLINE {
+      V y = acc[r][v];
+      if constexpr (kEpilogue == Epilogue::kRelu) y = hn::Max(y, hn::Zero(d));
+      if constexpr (kEpilogue == Epilogue::kMask)
+        y = hn::IfThenElseZero(hn::Gt(hn::Load(d, mask + v * lanes), hn::Zero(d)), y);
+      hn::Store(y, d, out + v * lanes);
+    });
+    out += ld;
+    if constexpr (kEpilogue == Epilogue::kMask) mask += ld;
   });
 }
 
