@@ -37,6 +37,8 @@ class TileRenderer {
         sampler_(field.occupancy, sampler_options(field, options), field.clip) {
     chunk_.weights = shading_.weights = field.weights.data();
     chunk_.packs = shading_.packs = &packs;
+    delta_row_ = chunk_.data(tape_.delta);
+    direction_rows_ = chunk_.data(tape_.directions);
     const size_t points = static_cast<size_t>(field.options.cone_points) * kChunkSamples;
     for (auto* a : {&x_, &y_, &z_, &spread_}) *a = AlignedArray<Real>(points);
     for (auto* a : {&geometry_, &shaded_geometry_})
@@ -157,7 +159,6 @@ class TileRenderer {
   // behind opaque matter at most the rest of a stretch is asked for, and chunks are full
   // nevertheless.
   void ask() {
-    constexpr size_t kStretch = 6;  // samples
     geometry_sums_.assign(rays_.size() * geometry_features(), 0.0_r);
     waiting_.resize(rays_.size());
     std::iota(waiting_.begin(), waiting_.end(), size_t{0});
@@ -185,7 +186,11 @@ class TileRenderer {
     ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
     const size_t n = std::min(until - ray.next, static_cast<size_t>(kChunkSamples - samples_used_));
     const size_t at = static_cast<size_t>(samples_used_);
-    std::copy_n(delta_.data() + ray.next, n, chunk_.data(tape_.delta) + at);
+    const Real* const delta = delta_.data() + ray.next;
+    if (n == kStretch)
+      std::copy_n(delta, kStretch, delta_row_ + at);  // without a call
+    else
+      std::copy_n(delta, n, delta_row_ + at);
     if (field_.options.sees_cones())
       place_cones(ray, n);
     else
@@ -193,8 +198,7 @@ class TileRenderer {
                     x_.data() + at, y_.data() + at, z_.data() + at);
     ray.next += n;
     samples_used_ += static_cast<int>(n);
-    Real* directions = chunk_.data(tape_.directions);
-    for (int k = 0; k < 3; ++k) directions[k * lr + parts_] = ray.direction[k];
+    for (int k = 0; k < 3; ++k) direction_rows_[k * lr + parts_] = ray.direction[k];
     ++parts_;
     ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
   }
@@ -220,7 +224,7 @@ class TileRenderer {
   void flush() {
     if (parts_ == 0) return;
     const int64_t padded = round_up(samples_used_, kLane);
-    Real* delta = chunk_.data(tape_.delta);
+    Real* const delta = delta_row_;
     for (int64_t i = samples_used_; i < padded; ++i) {
       for (int64_t j = 0; j < field_.options.cone_points; ++j) {
         const size_t at = static_cast<size_t>(j * kChunkSamples + i);
@@ -269,8 +273,7 @@ class TileRenderer {
           shared = 0;
         }
         shared += w;
-        const Real* geometry = geometry_.data() + static_cast<size_t>(i) * features;
-        for (size_t f = 0; f < features; ++f) sums[f] += w * geometry[f];
+        add_weighted(features, w, geometry_.data() + static_cast<size_t>(i) * features, sums);
       }
       transmittance *= 1 - alpha;
       if (ray.median < 0 && transmittance <= 0.5)
@@ -284,6 +287,14 @@ class TileRenderer {
     if (ray.next < ray.end && !(transmittance < options_.stop_transmittance)) return;
     if (!per_ray || 1 - transmittance > options_.unshaded) add_shaded(r, shared);
     finish(ray);
+  }
+
+  static void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
+    constexpr size_t kUsual = 16;
+    if (n == kUsual)
+      for (size_t f = 0; f < kUsual; ++f) sums[f] += w * x[f];
+    else
+      for (size_t f = 0; f < n; ++f) sums[f] += w * x[f];
   }
 
   size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }
@@ -356,11 +367,13 @@ class TileRenderer {
   std::optional<ObliqueBox> box_;
   GridTape tape_;
   Chunk chunk_, shading_;
+  Real *delta_row_ = nullptr, *direction_rows_ = nullptr;  // inputs of chunk_
   RaySampler sampler_;
   RaySamples samples_;
   AlignedArray<Real> x_, y_, z_, spread_;  // [GridOptions::cone_points][kChunkSamples]
   AlignedArray<Real> alphas_{kChunkSamples};
-  static constexpr int kBlock = 8;  // pixels along the side of a part of a tile
+  static constexpr int kBlock = 8;       // pixels along the side of a part of a tile
+  static constexpr size_t kStretch = 6;  // samples of a ray that are asked for at a time
   // Of the tile: where it is, its rays' directions row by row.
   int tile_x_ = 0, tile_y_ = 0, tile_width_ = 0;
   std::vector<Vec3d> directions_;
