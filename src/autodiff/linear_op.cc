@@ -50,8 +50,7 @@ class Linear : public Operation {
         maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
     Real* dx = overwrites(0) ? c.gradient(x) : c.arena.data() + c.tape->scratch_offset();
     if (packed)
-      linear_backward_input_bf16(w_.in, w_.out, packed, dy, dx, ld, n,
-                                 mask ? input(c) : nullptr);
+      linear_backward_input_bf16(w_.in, w_.out, packed, dy, dx, ld, n, mask ? input(c) : nullptr);
     else
       linear_backward_input(w_.in, w_.out, c.weights + w_.offset, dy, dx, ld, n,
                             mask ? c.data(x) : nullptr, f32_pack(c));

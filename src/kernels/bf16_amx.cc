@@ -66,10 +66,10 @@ void finish(const Bf16Product& p, const float* sums, int64_t row, int64_t column
   };
   if (p.out_pairs)
     for (int64_t r = 0; r < rows; r += 2)
-      store(p.out_pairs + pairs_at + r * 16, pairs_of(value(r), r + 1 < rows ? value(r + 1) : zero));
+      store(p.out_pairs + pairs_at + r * 16,
+            pairs_of(value(r), r + 1 < rows ? value(r + 1) : zero));
   else
-    for (int64_t r = 0; r < rows; ++r)
-      _mm512_store_ps(p.out + (row + r) * p.ld + column, value(r));
+    for (int64_t r = 0; r < rows; ++r) _mm512_store_ps(p.out + (row + r) * p.ld + column, value(r));
 }
 
 // Two blocks of rows by two of columns at a time: a tile that is loaded is multiplied twice.

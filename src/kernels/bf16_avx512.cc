@@ -44,9 +44,7 @@ inline NERF_INLINE void finish(const Bf16Product& p, Sums<R, NV>& sums, int64_t 
   if (p.bias)
     unrolled<R>([&](auto r) NERF_INLINE {
       const __m512 bias = _mm512_set1_ps(p.bias[row + (r < rows ? r : 0)]);
-      unrolled<NV>([&](auto v) NERF_INLINE {
-        sums.of[r][v] = _mm512_add_ps(sums.of[r][v], bias);
-      });
+      unrolled<NV>([&](auto v) NERF_INLINE { sums.of[r][v] = _mm512_add_ps(sums.of[r][v], bias); });
     });
   const int64_t pairs_at = column / 16 * p.pairs_stride + row * 16;
   const auto store = [&](const auto& value) NERF_INLINE {
@@ -85,8 +83,7 @@ inline NERF_INLINE void finish(const Bf16Product& p, Sums<R, NV>& sums, int64_t 
 
 // What finish() reads and writes comes from further caches while the sums are made.
 template <int R, int NV>
-inline __attribute__((always_inline)) void prefetch(const Bf16Product& p, int64_t row,
-                                                    int64_t column) {
+inline NERF_INLINE void prefetch(const Bf16Product& p, int64_t row, int64_t column) {
   for (int v = 0; v < NV; ++v) {
     const int64_t pairs_at = (column / 16 + v) * p.pairs_stride + row * 16;
     const int64_t at = row * p.ld + column + 16 * v;
@@ -126,9 +123,8 @@ void block(const uint16_t* a, const Bf16Product& p, const uint16_t* b, int64_t f
     const int64_t left = p.depth_pairs - 16 * k, pairs = left < 16 ? left : 16;
     for (int64_t pair = 0; pair < pairs; ++pair) {
       Sums<1, NV> x;
-      unrolled<NV>([&](auto v) NERF_INLINE {
-        x.of[0][v] = (__m512)load(bk + v * b_stride + pair * 32);
-      });
+      unrolled<NV>([&](auto v)
+                       NERF_INLINE { x.of[0][v] = (__m512)load(bk + v * b_stride + pair * 32); });
       unrolled<R>([&](auto r) NERF_INLINE {
         int w;
         __builtin_memcpy(&w, ak + r * 32 + pair * 2, sizeof w);
@@ -173,7 +169,8 @@ void bf16_product_avx512(const Bf16Product& p) {
     const int64_t vectors = p.column_blocks - c < 3 ? p.column_blocks - c : 3;
     const uint16_t* b = p.b + c * p.depth_blocks * kBf16Block;
     for (int64_t k = 0; k < p.depth_blocks; k += kBf16MostBlocks) {
-      const int64_t end = k + kBf16MostBlocks < p.depth_blocks ? k + kBf16MostBlocks : p.depth_blocks;
+      const int64_t end =
+          k + kBf16MostBlocks < p.depth_blocks ? k + kBf16MostBlocks : p.depth_blocks;
       if (vectors == 3)
         strip<3>(p, b, k, end, c * kBf16Columns);
       else if (vectors == 2)

@@ -1,5 +1,5 @@
-// Pairs (nerf/kernels/linear_bf16.h) in registers. For the sources that see bf16 instructions, each of
-// which has these functions to itself (kernels/bf16_product.h).
+// Pairs (nerf/kernels/linear_bf16.h) in registers. For the sources that see bf16 instructions, each
+// of which has these functions to itself (kernels/bf16_product.h).
 #pragma once
 
 #include <immintrin.h>

@@ -13,8 +13,8 @@ namespace nerf::internal {
 
 // Blocks of the left factor: 16 rows x 32 elements of depth, row by row; of the right one: 16 pairs
 // of depth x 16 columns, the two elements of a pair side by side. Both are a tile of AMX.
-// The AVX-512 product stores its sums after kBf16MostBlocks of depth, so that a strip of three blocks
-// of columns leaves room in a first-level cache of 32 KB.
+// The AVX-512 product stores its sums after kBf16MostBlocks of depth, so that a strip of three
+// blocks of columns leaves room in a first-level cache of 32 KB.
 enum : int64_t {
   kBf16Rows = 16,
   kBf16Columns = 16,

@@ -101,9 +101,7 @@ void pack_layer(int in, int out, const float* w, uint16_t* packed) {
   }
 }
 
-bool layer_writes_pairs(int in, int out) {
-  return out >= 16 && in <= kBf16MostBlocks * kBf16Depth;
-}
+bool layer_writes_pairs(int in, int out) { return out >= 16 && in <= kBf16MostBlocks * kBf16Depth; }
 
 void linear_forward_bf16(int in, int out, const uint16_t* packed, const float* bias, LayerInput x,
                          LayerOutput y, int64_t ld, int64_t n, LinearActivation activation) {

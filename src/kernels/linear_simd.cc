@@ -109,8 +109,8 @@ struct Rows {
 // One strip of NV vectors of samples through all rows: the strip of b stays in L1 meanwhile. On its
 // own: within its caller, compilers run out of registers for addresses.
 template <int NV, Epilogue kEpilogue>
-HWY_NOINLINE void strip(int rows, const Rows& w, const float* b, int depth, int64_t ld, const float* bias,
-           bool resume, const float* mask, float* out) {
+HWY_NOINLINE void strip(int rows, const Rows& w, const float* b, int depth, int64_t ld,
+                        const float* bias, bool resume, const float* mask, float* out) {
   int r = 0;
   const float* a = w.a;
   if (rows >= kRows) {

@@ -1,5 +1,6 @@
 // The instructions of kernels/bf16_avx512.cc and kernels/bf16_amx.cc in portable C++, so that those
-// sources can be tested on processors that lack them. It stands in front of the compiler's own header.
+// sources can be tested on processors that lack them. It stands in front of the compiler's own
+// header.
 #pragma once
 
 #include <bit>

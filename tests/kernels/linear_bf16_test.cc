@@ -90,8 +90,8 @@ AlignedArray<uint16_t> pairs_of(const Matrix& m) {
   AlignedArray<uint16_t> pairs(static_cast<size_t>(pairs_size(m.rows, m.n)));
   for (int r = 0; r < m.rows; ++r)
     for (int64_t s = 0; s < m.padded; ++s)
-      pairs[static_cast<size_t>(pair_index(m.rows, r, s))] = static_cast<uint16_t>(
-          std::bit_cast<uint32_t>(reference::nearest_bf16(m.at(r, s))) >> 16);
+      pairs[static_cast<size_t>(pair_index(m.rows, r, s))] =
+          static_cast<uint16_t>(std::bit_cast<uint32_t>(reference::nearest_bf16(m.at(r, s))) >> 16);
   return pairs;
 }
 
@@ -181,8 +181,7 @@ TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
 // Behind the last pair, of any width and count of samples.
 struct PairsOut {
   static constexpr uint16_t kCanary = 0x7777;
-  PairsOut(int rows, int64_t n)
-      : size(static_cast<size_t>(pairs_size(rows, n))), data(size + 64) {
+  PairsOut(int rows, int64_t n) : size(static_cast<size_t>(pairs_size(rows, n))), data(size + 64) {
     std::ranges::fill(data, kCanary);
   }
   void expect_untouched_beyond() const {

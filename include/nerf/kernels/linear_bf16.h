@@ -20,17 +20,15 @@ int64_t packed_layer_size(int in, int out);
 void pack_layer(int in, int out, const Real* w, uint16_t* packed);
 
 // Between two layers, values may stand as pairs: rounded to bf16 as the next product reads them,
-// [blocks of 16 columns][pairs of rows][16 columns][2 rows], aligned to 64 bytes, the rows rounded up
-// to a multiple of 32 and 0 beyond the last. Half the memory of rows, without gaps, and no product
-// packs its operand; the results are the same bits.
+// [blocks of 16 columns][pairs of rows][16 columns][2 rows], aligned to 64 bytes, the rows rounded
+// up to a multiple of 32 and 0 beyond the last. Half the memory of rows, without gaps, and no
+// product packs its operand; the results are the same bits.
 //
 // Where the number of a row and a column is, in elements from the first.
 inline int64_t pair_index(int rows, int row, int64_t column) {
   return (column / 16 * (round_up(rows, 32) / 2) + row / 2) * 32 + column % 16 * 2 + row % 2;
 }
-inline int64_t pairs_size(int rows, int64_t n) {
-  return round_up(n, 16) * round_up(rows, 32);
-}
+inline int64_t pairs_size(int rows, int64_t n) { return round_up(n, 16) * round_up(rows, 32); }
 // Whether the forward pass of a layer can leave its output as pairs, in no more memory than rows
 // take: not where it is narrow, nor where its input is so wide that sums are stored on the way.
 bool layer_writes_pairs(int in, int out);
