@@ -224,14 +224,13 @@ class TileRenderer {
   void flush() {
     if (parts_ == 0) return;
     const int64_t padded = round_up(samples_used_, kLane);
-    Real* const delta = delta_row_;
     for (int64_t i = samples_used_; i < padded; ++i) {
       for (int64_t j = 0; j < field_.options.cone_points; ++j) {
         const size_t at = static_cast<size_t>(j * kChunkSamples + i);
         x_[at] = y_[at] = z_[at] = 0.5_r;
         spread_[at] = 0;
       }
-      delta[i] = 0;
+      delta_row_[i] = 0;
     }
     chunk_.samples = samples_used_;
     chunk_.rays = parts_;
@@ -241,13 +240,12 @@ class TileRenderer {
             field_.options.cone_points, kChunkSamples},
            samples_used_, chunk_.data(tape_.features), chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
-    Real* alphas = alphas_.data();
-    opacity(samples_used_, chunk_.data(tape_.density), delta, alphas);
+    opacity(samples_used_, chunk_.data(tape_.density), delta_row_, alphas_.data());
     const size_t features = geometry_features();
     transpose(samples_used_, static_cast<int64_t>(features), chunk_.data(tape_.geometry),
               chunk_.stride(tape_.geometry), geometry_.data(), static_cast<int64_t>(features));
     statistics_.density_evaluations += samples_used_;
-    for (int part = 0; part < parts_; ++part) composite(part, alphas);
+    for (int part = 0; part < parts_; ++part) composite(part, alphas_.data());
     parts_ = samples_used_ = 0;
   }
 

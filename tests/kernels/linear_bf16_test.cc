@@ -3,13 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
 #include <vector>
 
-#include "kernels/kernel_test.h"
+#include "kernels/bf16_layers.h"
 #include "math/worst_error.h"
 #include "nerf/base/error.h"
 #include "nerf/kernels/bf16.h"
@@ -18,30 +17,6 @@
 
 namespace nerf {
 namespace {
-
-using Floats = std::vector<float>;  // what the units know
-
-struct Shape {
-  int in, out;
-  int64_t n;
-};
-
-std::vector<Shape> shapes() {
-  std::vector<Shape> all;
-  for (int in : kWidths)
-    for (int out : kWidths)
-      for (int64_t n : kCounts) all.push_back({in, out, n});
-  // Wider than a strip of columns, deeper than what is summed at a time.
-  for (const Shape s : {Shape{96, 130, 33},
-                        {319, 97, 113},
-                        {300, 20, 257},
-                        {17, 300, 600},
-                        {33, 7, 513},
-                        {1024, 40, 16},
-                        {1024, 1024, 5}})
-    all.push_back(s);
-  return all;
-}
 
 float dot(Bf16Unit unit, const Floats& a, const Floats& b, float sum = 0) {
   Floats left = a, right = b;
@@ -52,52 +27,10 @@ float dot(Bf16Unit unit, const Floats& a, const Floats& b, float sum = 0) {
                                 : reference::dot_avx512_bf16(left, right, sum);
 }
 
-struct Layer {
-  Layer(const Shape& s, Random& random)
-      : in(s.in),
-        out(s.out),
-        w(static_cast<size_t>(out * weight_stride(in))),
-        bias(static_cast<size_t>(round_up(out, kLane))),
-        packed(static_cast<size_t>(packed_layer_size(in, out))) {
-    for (int j = 0; j < out; ++j)
-      for (int k = 0; k < in; ++k) at(j, k) = uniform(random, -1, 1);
-    for (int j = 0; j < out; ++j) bias[static_cast<size_t>(j)] = uniform(random, -1, 1);
-    pack_layer(in, out, w.data(), packed.data());
-  }
-  Real& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
-  Floats row(int j) const {
-    const Real* from = w.data() + j * weight_stride(in);
-    return {from, from + in};
-  }
-  Floats column(int k) const {
-    Floats c;
-    for (int j = 0; j < out; ++j) c.push_back(w[static_cast<size_t>(j * weight_stride(in) + k)]);
-    return c;
-  }
-  int in, out;
-  AlignedArray<Real> w, bias;
-  AlignedArray<uint16_t> packed;
-};
-
 Floats column_of(const Matrix& m, int64_t s) {
   Floats c;
   for (int r = 0; r < m.rows; ++r) c.push_back(m.at(r, s));
   return c;
-}
-
-// The values of a matrix of a ReLU's output as pairs, padding too.
-AlignedArray<uint16_t> pairs_of(const Matrix& m) {
-  AlignedArray<uint16_t> pairs(static_cast<size_t>(pairs_size(m.rows, m.n)));
-  for (int r = 0; r < m.rows; ++r)
-    for (int64_t s = 0; s < m.padded; ++s)
-      pairs[static_cast<size_t>(pair_index(m.rows, r, s))] =
-          static_cast<uint16_t>(std::bit_cast<uint32_t>(reference::nearest_bf16(m.at(r, s))) >> 16);
-  return pairs;
-}
-
-std::string name(const Shape& s) {
-  return "in " + std::to_string(s.in) + " out " + std::to_string(s.out) + " n " +
-         std::to_string(s.n);
 }
 
 TEST(Bf16, RoundsToTheNearestNumber) {
@@ -175,91 +108,6 @@ TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
           y.expect_untouched_beyond_padding();
         }
     }
-  });
-}
-
-// Behind the last pair, of any width and count of samples.
-struct PairsOut {
-  static constexpr uint16_t kCanary = 0x7777;
-  PairsOut(int rows, int64_t n) : size(static_cast<size_t>(pairs_size(rows, n))), data(size + 64) {
-    std::ranges::fill(data, kCanary);
-  }
-  void expect_untouched_beyond() const {
-    for (size_t i = size; i < data.size(); ++i) ASSERT_EQ(data[i], kCanary) << "behind the pairs";
-  }
-  size_t size;
-  AlignedArray<uint16_t> data;
-};
-
-// A layer's output as pairs is its rows, rounded, with 0 behind the last; and as the next layer's
-// input gives the bits that the rows give, in each product and as a mask.
-TEST(LinearBf16, PairsAreTheRoundedRows) {
-  for_each_bf16_unit([&](Bf16Unit) {
-    Random random(26, 0, 0);
-    for (const Shape& shape : shapes()) {
-      if (!layer_writes_pairs(shape.in, shape.out)) continue;
-      SCOPED_TRACE(name(shape));
-      const Layer layer(shape, random);
-      const Matrix x(shape.in, shape.n, random, -1, 1);
-      for (const bool relu : {false, true}) {
-        Matrix y(shape.out, shape.n);
-        PairsOut pairs(shape.out, shape.n);
-        const auto forward = [&](LayerOutput to) {
-          linear_forward_bf16(shape.in, shape.out, layer.packed.data(), layer.bias.data(),
-                              x.data.data(), to, x.ld, shape.n,
-                              relu ? LinearActivation::kRelu : LinearActivation::kNone);
-        };
-        forward(y.data.data());
-        forward(pairs.data.data());
-        const AlignedArray<uint16_t> want = pairs_of(y);
-        for (size_t i = 0; i < want.size(); ++i)
-          ASSERT_EQ(pairs.data[i], want[i]) << "element " << i;
-        pairs.expect_untouched_beyond();
-      }
-    }
-  });
-}
-
-TEST(LinearBf16, PairsAreAnInputLikeRows) {
-  for_each_bf16_unit([&](Bf16Unit) {
-    Random random(27, 0, 0);
-    for (const Shape& shape : shapes()) {
-      SCOPED_TRACE(name(shape));
-      const Layer layer(shape, random);
-      Matrix x(shape.in, shape.n, random, -1, 1);
-      for (Real& v : x.data) v = v == Matrix::kCanary ? v : std::max(v, 0.0_r);
-      const Matrix dy(shape.out, shape.n, random, -1, 1, Matrix::Padding::kZero);
-      const AlignedArray<uint16_t> pairs = pairs_of(x);
-      const auto results = [&](LayerInput input) {
-        Matrix y(shape.out, shape.n), dx(shape.in, shape.n);
-        AlignedArray<Real> dw = layer.w;
-        linear_forward_bf16(shape.in, shape.out, layer.packed.data(), nullptr, input, y.data.data(),
-                            x.ld, shape.n, LinearActivation::kNone);
-        linear_backward_input_bf16(shape.in, shape.out, layer.packed.data(), dy.data.data(),
-                                   dx.data.data(), x.ld, shape.n, input);
-        linear_backward_weights_bf16(shape.in, shape.out, dy.data.data(), input, x.ld, shape.n,
-                                     dw.data(), nullptr);
-        return std::array{y.data, dx.data, dw};
-      };
-      const auto got = results(pairs.data()), want = results(x.data.data());
-      for (size_t i = 0; i < want.size(); ++i)
-        ASSERT_TRUE(std::ranges::equal(got[i], want[i])) << "product " << i;
-    }
-  });
-}
-
-// What rounds to 0 lets no gradient through: as the next layer saw it.
-TEST(LinearBf16, NumbersBelowTheNormalOnesAreZeroInPairs) {
-  for_each_bf16_unit([&](Bf16Unit) {
-    const Shape shape{16, 16, 16};
-    Random random(28, 0, 0);
-    Layer layer(shape, random);
-    std::ranges::fill(layer.bias, 0x1p-127_r);
-    const Matrix x(16, 16, random, 0, 0);
-    PairsOut pairs(16, 16);
-    linear_forward_bf16(16, 16, layer.packed.data(), layer.bias.data(), x.data.data(),
-                        pairs.data.data(), x.ld, 16, LinearActivation::kRelu);
-    for (size_t i = 0; i < pairs.size; ++i) ASSERT_EQ(pairs.data[i], 0);
   });
 }
 

@@ -1,0 +1,69 @@
+// Layers of many widths for the tests of bf16 products.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "kernels/kernel_test.h"
+#include "nerf/kernels/linear_bf16.h"
+
+namespace nerf {
+
+using Floats = std::vector<float>;  // what the units know
+
+struct Shape {
+  int in, out;
+  int64_t n;
+};
+
+inline std::vector<Shape> shapes() {
+  std::vector<Shape> all;
+  for (int in : kWidths)
+    for (int out : kWidths)
+      for (int64_t n : kCounts) all.push_back({in, out, n});
+  // Wider than a strip of columns, deeper than what is summed at a time.
+  for (const Shape s : {Shape{96, 130, 33},
+                        {319, 97, 113},
+                        {300, 20, 257},
+                        {17, 300, 600},
+                        {33, 7, 513},
+                        {1024, 40, 16},
+                        {1024, 1024, 5}})
+    all.push_back(s);
+  return all;
+}
+
+struct Layer {
+  Layer(const Shape& s, Random& random)
+      : in(s.in),
+        out(s.out),
+        w(static_cast<size_t>(out * weight_stride(in))),
+        bias(static_cast<size_t>(round_up(out, kLane))),
+        packed(static_cast<size_t>(packed_layer_size(in, out))) {
+    for (int j = 0; j < out; ++j)
+      for (int k = 0; k < in; ++k) at(j, k) = uniform(random, -1, 1);
+    for (int j = 0; j < out; ++j) bias[static_cast<size_t>(j)] = uniform(random, -1, 1);
+    pack_layer(in, out, w.data(), packed.data());
+  }
+  Real& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
+  Floats row(int j) const {
+    const Real* from = w.data() + j * weight_stride(in);
+    return {from, from + in};
+  }
+  Floats column(int k) const {
+    Floats c;
+    for (int j = 0; j < out; ++j) c.push_back(w[static_cast<size_t>(j * weight_stride(in) + k)]);
+    return c;
+  }
+  int in, out;
+  AlignedArray<Real> w, bias;
+  AlignedArray<uint16_t> packed;
+};
+
+inline std::string name(const Shape& s) {
+  return "in " + std::to_string(s.in) + " out " + std::to_string(s.out) + " n " +
+         std::to_string(s.n);
+}
+
+}  // namespace nerf
