@@ -131,7 +131,10 @@ void Tape::record(std::unique_ptr<Operation> operation) {
   operations_.push_back(std::move(operation));
 }
 
-void Tape::keep_rows(Value v) { values_[static_cast<size_t>(v)].only_rows = true; }
+void Tape::keep_rows(Value v) {
+  NERF_CHECK_EQ(arena_floats_, size_t{0});
+  values_[static_cast<size_t>(v)].only_rows = true;
+}
 
 const Operation* Tape::only_consumer(Value v) const {
   const Operation* found = nullptr;

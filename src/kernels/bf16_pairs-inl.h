@@ -23,7 +23,7 @@ inline __m512i pairs_of(__m512 even, __m512 odd) {
   return _mm512_permutexvar_epi16(load(kInterleave), rounded(even, odd));
 }
 
-// Where one row of pairs is not 0: above it, of a ReLU's output.
+// Where one row of pairs is not 0, which in a ReLU's output is above it.
 inline __mmask16 not_zero(__m512i pairs, bool odd) {
   return _mm512_test_epi32_mask(pairs, _mm512_set1_epi32(odd ? -0x10000 : 0xffff));
 }

@@ -27,7 +27,8 @@ enum class Bf16Epilogue { kNone, kRelu, kMask, kAdd };
 
 // out[r][c] = sum_k a[r][k] b[k][c], then + bias[r] (unless null) and the epilogue: ReLU, 0 where
 // mask[r][c] is not above 0, or added to what stands in out. Output and mask are rows of floats, or
-// pairs (nerf/kernels/linear_bf16.h): the output's for a depth of up to kBf16MostBlocks.
+// pairs (nerf/kernels/linear_bf16.h); the output pairs with kNone and kRelu only, and for a depth
+// of up to kBf16MostBlocks.
 struct Bf16Product {
   const uint16_t* a = nullptr;  // [row block][depth block][16][32]
   const uint16_t* b = nullptr;  // [column block][depth block][16][16][2]

@@ -37,6 +37,8 @@ uint16_t* scratch(AlignedArray<uint16_t>& memory, int64_t size) {
 thread_local AlignedArray<uint16_t> left_factor, right_factor;
 
 void multiply(const Bf16Product& p) {
+  NERF_CHECK(!p.out_pairs || p.epilogue == Bf16Epilogue::kNone ||
+             p.epilogue == Bf16Epilogue::kRelu);
   switch (chosen_bf16_unit()) {
     case Bf16Unit::kAvx512:
       return bf16_product_avx512(p);

@@ -1,4 +1,5 @@
-// What the kernels of linear layers share on each target: the size of their register blocks.
+// What the kernels of linear layers share on each target: unrolled loops, and the size of their
+// register blocks.
 // Highway's pattern for headers that are compiled once per target.
 #if defined(NERF_KERNELS_LINEAR_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef NERF_KERNELS_LINEAR_BLOCKS_INL_H_

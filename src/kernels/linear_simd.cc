@@ -22,9 +22,6 @@ constexpr int kDeepEnough = 32;
 
 enum class Epilogue { kNone, kRelu, kMask };
 
-// From one of a strip's lines to the next that is asked for.
-constexpr size_t kAsked = kLane;
-
 // out[r][s] = sum_k a(r, k) * b[k][s] for R rows and NV vectors of samples. a(r, k) stands at
 // a[r * a_row + k * a_col]: rows of W forward, columns of W backward. With `resume` the sums begin
 // with what stands in out: a deep sum in parts, of the same bits as in one. The first block of a
@@ -40,7 +37,7 @@ HWY_INLINE void block(const float* HWY_RESTRICT a, int64_t a_row, int64_t a_col,
   if (depth >= kDeepEnough) {
     const float *y = out, *m = mask;
     for (int r = 0; r < R; ++r, y += ld, m += kEpilogue == Epilogue::kMask ? ld : 0)
-      for (size_t v = 0; v < NV * lanes; v += kAsked) {
+      for (size_t v = 0; v < NV * lanes; v += kLane) {
         __builtin_prefetch(y + v, 1, 3);
         if constexpr (kEpilogue == Epilogue::kMask) __builtin_prefetch(m + v, 0, 3);
       }

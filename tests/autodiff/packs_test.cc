@@ -6,6 +6,7 @@
 
 #include "kernels/kernel_test.h"
 #include "nerf/autodiff/operations.h"
+#include "nerf/autodiff/tangents.h"
 
 namespace nerf {
 namespace {
@@ -68,6 +69,7 @@ class PackedLayers : public ::testing::Test {
       for (int s = 0; s < kSamples; ++s)
         chunk.gradient(output)[r * lo + s] = 2 * random.uniform() - 1;
     tape.backward(chunk);
+    samples_behind_ = chunk.samples;
     Results out;
     for (int r = 0; r < layers_.back().out; ++r)
       for (int s = 0; s < kSamples; ++s) out.output.push_back(chunk.data(output)[r * lo + s]);
@@ -89,6 +91,7 @@ class PackedLayers : public ::testing::Test {
   std::vector<LinearWeights> layers_;
   Value input_ = 0, output_ = 0;
   AlignedArray<Real> weights_;
+  mutable int samples_behind_ = 0;  // that the last backward pass ended with
 };
 
 // Hidden values as pairs give the bits that rows give, also where the backward pass goes on with a
@@ -112,10 +115,32 @@ TEST_F(PackedLayers, PairsChangeNothing) {
         return run(&packs, tape, scaled);
       };
       const Results got = results(true), want = results(false);
+      EXPECT_GT(samples_behind_, 0);
+      EXPECT_EQ(samples_behind_ < kSamples, some);
       EXPECT_EQ(got.output, want.output);
       EXPECT_EQ(got.input_gradient, want.input_gradient);
       EXPECT_EQ(got.weight_gradient, want.weight_gradient);
     }
+  });
+}
+
+// The gates of tangents read what the layers before them put out, which therefore is no pairs.
+TEST_F(PackedLayers, TangentsSeeHiddenRows) {
+  for_each_bf16_unit([&](Bf16Unit) {
+    const LayerPacks packs = packed(Precision::kBf16);
+    const auto results = [&](bool keep) {
+      Tape tape(kSamples, kLane);
+      const Value input = tape.input(layers_.front().in, Domain::kSamples, true);
+      const WithTangents output = mlp(tape, {input, {input}}, layers_);
+      for (Value v = input + 1; keep && v < output.value; ++v) tape.keep_rows(v);
+      const Value sum = add(tape, output.value, output.tangents[0]);
+      tape.plan();
+      return run(&packs, tape, sum);
+    };
+    const Results got = results(false), want = results(true);
+    EXPECT_EQ(got.output, want.output);
+    EXPECT_EQ(got.input_gradient, want.input_gradient);
+    EXPECT_EQ(got.weight_gradient, want.weight_gradient);
   });
 }
 

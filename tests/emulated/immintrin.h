@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 
 // NOLINTBEGIN: the names are Intel's
@@ -93,7 +94,8 @@ inline float _mm512_reduce_add_ps(__m512 a) {
   return sum;
 }
 
-inline __mmask16 _mm512_cmp_ps_mask(__m512 a, __m512 b, int) {  // _CMP_GT_OQ
+inline __mmask16 _mm512_cmp_ps_mask(__m512 a, __m512 b, int predicate) {
+  if (predicate != _CMP_GT_OQ) std::abort();
   const emulated::F32 x(a), y(b);
   unsigned mask = 0;
   for (int i = 0; i < x.kCount; ++i) mask |= unsigned{x.lane[i] > y.lane[i]} << i;

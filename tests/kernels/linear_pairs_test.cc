@@ -91,7 +91,7 @@ TEST(LinearPairs, PairsAreAnInputLikeRows) {
   });
 }
 
-// What rounds to 0 lets no gradient through: as the next layer saw it.
+// What rounds to 0 is 0 to the next layer.
 TEST(LinearPairs, NumbersBelowTheNormalOnesAreZeroInPairs) {
   for_each_bf16_unit([&](Bf16Unit) {
     const Shape shape{16, 16, 16};

@@ -69,8 +69,8 @@ struct Chunk {
   // Not of a value that stands as pairs.
   Real* data(Value v);
   const Real* data(Value v) const;
-  // Whether only layers touch the value, which in a chunk of bf16 makes it pairs
-  // (kernels/linear_bf16.h), and where those are: in the memory of its rows.
+  // Whether the value stands as pairs in this chunk (kernels/linear_bf16.h): between two layers, in
+  // bf16. They are in the memory of its rows.
   bool has_pairs(Value v) const;
   uint16_t* pairs(Value v);
   Real* gradient(Value v);
@@ -123,7 +123,7 @@ class Tape {
   // Scratch memory of an operation, in floats; contents do not survive the operation.
   void need_scratch(size_t floats);
   void record(std::unique_ptr<Operation> operation);
-  // An operation reads v, which is none of its inputs, or the caller does: never pairs.
+  // Before plan(): v stays rows, for a reader that does not have it among its inputs.
   void keep_rows(Value v);
   void plan();
 

@@ -1,6 +1,6 @@
 // Fully connected layers with operands rounded to bf16, sums in f32: the products of linear.h, with
-// the same matrices and the same padding, on the unit that bf16_unit() names. None may be called
-// where that is kNone.
+// the same matrices and the same padding, on the unit that bf16_unit() names. No product, and no
+// packing, where that is kNone.
 //
 // Weights stay f32 with their owner, who packs them once per step. A layer's pack holds w and its
 // transpose in blocks of 16 rows x 32 columns, 0 beyond the edges.
@@ -21,8 +21,8 @@ void pack_layer(int in, int out, const Real* w, uint16_t* packed);
 
 // Between two layers, values may stand as pairs: rounded to bf16 as the next product reads them,
 // [blocks of 16 columns][pairs of rows][16 columns][2 rows], aligned to 64 bytes, the rows rounded
-// up to a multiple of 32 and 0 beyond the last. Half the memory of rows, without gaps, and no
-// product packs its operand; the results are the same bits.
+// up to a multiple of 32 and 0 beyond the last. No product packs such an operand. The results are
+// the bits that rows give, but for masks of denormals, which are 0 as pairs.
 //
 // Where the number of a row and a column is, in elements from the first.
 inline int64_t pair_index(int rows, int row, int64_t column) {
