@@ -12,6 +12,23 @@ namespace nerf {
 
 using Floats = std::vector<float>;  // what the units know
 
+// Of a layer's weights as linear.h has them.
+inline Floats row_of(const AlignedArray<Real>& w, int in, int j) {
+  const Real* from = w.data() + j * weight_stride(in);
+  return {from, from + in};
+}
+inline Floats column_of(const AlignedArray<Real>& w, int in, int out, int k) {
+  Floats c;
+  for (int j = 0; j < out; ++j) c.push_back(w[static_cast<size_t>(j * weight_stride(in) + k)]);
+  return c;
+}
+
+inline Floats column_of(const Matrix& m, int64_t s) {
+  Floats c;
+  for (int r = 0; r < m.rows; ++r) c.push_back(m.at(r, s));
+  return c;
+}
+
 struct Shape {
   int in, out;
   int64_t n;
@@ -47,15 +64,8 @@ struct Layer {
     pack_layer(in, out, w.data(), packed.data());
   }
   Real& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
-  Floats row(int j) const {
-    const Real* from = w.data() + j * weight_stride(in);
-    return {from, from + in};
-  }
-  Floats column(int k) const {
-    Floats c;
-    for (int j = 0; j < out; ++j) c.push_back(w[static_cast<size_t>(j * weight_stride(in) + k)]);
-    return c;
-  }
+  Floats row(int j) const { return row_of(w, in, j); }
+  Floats column(int k) const { return column_of(w, in, out, k); }
   int in, out;
   AlignedArray<Real> w, bias;
   AlignedArray<uint16_t> packed;

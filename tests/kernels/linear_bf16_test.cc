@@ -27,12 +27,6 @@ float dot(Bf16Unit unit, const Floats& a, const Floats& b, float sum = 0) {
                                 : reference::dot_avx512_bf16(left, right, sum);
 }
 
-Floats column_of(const Matrix& m, int64_t s) {
-  Floats c;
-  for (int r = 0; r < m.rows; ++r) c.push_back(m.at(r, s));
-  return c;
-}
-
 TEST(Bf16, RoundsToTheNearestNumber) {
   std::vector<float> x = {0.0f,
                           -0.0f,

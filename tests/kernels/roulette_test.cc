@@ -62,13 +62,18 @@ TEST(Roulette, NormsAreSumsOfMagnitudes) {
   worst.report();
 }
 
+std::vector<int32_t> some_of(int64_t n, double share, Random& random) {
+  std::vector<int32_t> kept;
+  for (int32_t i = 0; i < n; ++i)
+    if (static_cast<double>(random.uniform()) < share) kept.push_back(i);
+  return kept;
+}
+
 TEST(Roulette, KeptColumnsMoveToTheFront) {
   for (const int64_t n : kCounts)
     for (const double share : {0.0, 0.1, 0.5, 1.0}) {
       Random random(52, static_cast<uint64_t>(n), static_cast<uint64_t>(10 * share));
-      std::vector<int32_t> kept;
-      for (int32_t i = 0; i < n; ++i)
-        if (static_cast<double>(random.uniform()) < share) kept.push_back(i);
+      const std::vector<int32_t> kept = some_of(n, share, random);
       const Matrix before(3, n, random, -1, 1);
       for_each_target([&](const std::string&) {
         Matrix x = before;
@@ -87,9 +92,7 @@ TEST(Roulette, KeptColumnsOfPairsMoveToTheFront) {
     for (const int64_t n : kCounts)
       for (const double share : {0.0, 0.1, 0.5, 1.0}) {
         Random random(53, static_cast<uint64_t>(n), static_cast<uint64_t>(10 * share));
-        std::vector<int32_t> kept;
-        for (int32_t i = 0; i < n; ++i)
-          if (static_cast<double>(random.uniform()) < share) kept.push_back(i);
+        const std::vector<int32_t> kept = some_of(n, share, random);
         const size_t size = static_cast<size_t>(pairs_size(rows, n));
         AlignedArray<uint16_t> before(size + 1);  // and one behind them
         for (uint16_t& x : before) x = static_cast<uint16_t>(random.below(1 << 16));

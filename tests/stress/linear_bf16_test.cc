@@ -8,14 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "kernels/kernel_test.h"
+#include "kernels/bf16_layers.h"
 #include "math/worst_error.h"
 #include "nerf/math/reference/bf16.h"
 
 namespace nerf::stress {
 namespace {
 
-using Floats = std::vector<float>;  // what the units know
 constexpr double kTiny = std::numeric_limits<float>::min();
 
 // Powers of ten, whose products stay below the largest float, summed over any layer here.
@@ -98,15 +97,8 @@ struct Case {
     pack_layer(in, out, w.data(), packed.data());
   }
   Real& at(int j, int k) { return w[static_cast<size_t>(j * weight_stride(in) + k)]; }
-  Floats row(int j) const {
-    const Real* from = w.data() + j * weight_stride(in);
-    return {from, from + in};
-  }
-  Floats column(int k) const {
-    Floats c;
-    for (int j = 0; j < out; ++j) c.push_back(w[static_cast<size_t>(j * weight_stride(in) + k)]);
-    return c;
-  }
+  Floats row(int j) const { return row_of(w, in, j); }
+  Floats column(int k) const { return column_of(w, in, out, k); }
   int in, out;
   int64_t n;
   Matrix x, dy;
@@ -114,11 +106,6 @@ struct Case {
   AlignedArray<uint16_t> packed;
 };
 
-Floats column_of(const Matrix& m, int64_t s) {
-  Floats c;
-  for (int r = 0; r < m.rows; ++r) c.push_back(m.at(r, s));
-  return c;
-}
 Floats row_of(const Matrix& m, int r) {
   Floats v;
   for (int64_t s = 0; s < m.n; ++s) v.push_back(m.at(r, s));
