@@ -170,8 +170,10 @@ class Training {
 
   void on_plan(int64_t steps) {
     progress_.clear();
-    log_info(fmt::format("the plan is {} steps; the same result again: {}", steps,
-                         equivalent_command(command_, steps)));
+    const TrainingPlan plan = trainer_.options().plan();
+    log_info(fmt::format("the plan is {}{} steps; the same result again: {}",
+                         plan.changes.list.empty() ? "" : "now ", steps,
+                         equivalent_command(command_, plan)));
   }
 
   void on_evaluation(bool last) {

@@ -214,8 +214,9 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
   }
 }
 
-std::string equivalent_command(const TrainCommand& command, int64_t steps) {
+std::string equivalent_command(const TrainCommand& command, const TrainingPlan& plan) {
   TrainCommand copy = command, usual;
+  copy.train.plan_changes = plan.changes;
   usual.train = method_options(command.train.method, command.scale);
   usual.train.method = TrainOptions().method;
   std::string line = "nerf_train " + shell_quoted(copy.scene.string());
@@ -233,7 +234,7 @@ std::string equivalent_command(const TrainCommand& command, int64_t steps) {
   }
   // The run's own folder holds a run by then.
   if (!copy.out.empty()) line += " -o " + shell_quoted(copy.out.string() + "_again");
-  return line + " --steps " + std::to_string(steps);
+  return line + " --steps " + std::to_string(plan.steps);
 }
 
 fs::path default_run_folder(const fs::path& scene) {

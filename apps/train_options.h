@@ -130,9 +130,9 @@ std::vector<std::string> unused_options(const TrainCommand& command,
 void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
                     const std::string& where);
 
-// The command that repeats a run of `steps` steps exactly: --steps for --minutes, and every option
-// of the result that is not as usual.
-std::string equivalent_command(const TrainCommand& command, int64_t steps);
+// The command that repeats a run of that plan exactly: --steps for --minutes, and every option of
+// the result that is not as usual.
+std::string equivalent_command(const TrainCommand& command, const TrainingPlan& plan);
 
 // runs/<name of the scene>.
 std::filesystem::path default_run_folder(const std::filesystem::path& scene);

@@ -46,6 +46,7 @@ TrainOptions checked_options(const JsonFields& header, const TrainOptions& own) 
   options_from_json(saved, header.at("options").dump(), header.where() + ": options");
   TrainOptions wanted = own;
   wanted.steps = saved.steps;
+  wanted.plan_changes = saved.plan_changes;
   const auto a = option_fields(saved), b = option_fields(wanted);
   for (size_t i = 0; i < a.size(); ++i) {
     const std::string was = option_text(a[i]), is = option_text(b[i]);

@@ -30,13 +30,13 @@ AdamStep GridTrainer::adam_at(int64_t step) const {
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
-  return samples_per_cell_at(step, options.steps);
+  return samples_per_cell_at(step, options.plan());
 }
 
-Real GridTrainer::samples_per_cell_at(int64_t step, int64_t steps) const {
+Real GridTrainer::samples_per_cell_at(int64_t step, const TrainingPlan& plan) const {
   // Squared: exact rays pay only once the field is sharp. When a bounded scene is does not depend
   // on how long the run goes on after that; an unbounded one gains from more rays to the end.
-  double progress = progress_at(step, steps);
+  double progress = plan.progress_at(step);
   if (!field.unbounded) {
     const double seen = static_cast<double>(step) * options.batch_samples;
     progress = std::max(progress, std::min(1.0, seen / kSamplesUntilSharp));
@@ -111,8 +111,9 @@ double GridTrainer::colour_seconds() const {
 double GridTrainer::late_saving_share(int64_t steps) const {
   // What drawing costs is proportional to the number of rays that a batch has room for; the part
   // that colours have in the saving comes a little sooner.
+  const TrainingPlan plan = options.plan().changed(done, steps);
   const auto rays = [&](int64_t step) {
-    return 1 / static_cast<double>(samples_per_cell_at(step, steps));
+    return 1 / static_cast<double>(samples_per_cell_at(step, plan));
   };
   const double now = rays(done), last = rays(steps);
   if (!(now > last)) return 1;

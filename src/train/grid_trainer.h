@@ -56,7 +56,7 @@ struct GridTrainer final : TrainerImpl {
   // touched a few times take somewhat smaller steps.
   AdamStep adam_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
-  Real samples_per_cell_at(int64_t step, int64_t steps) const;  // of a plan of so many
+  Real samples_per_cell_at(int64_t step, const TrainingPlan& plan) const;
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
   double colour_seconds() const;
   int64_t levels_at(int64_t step) const;

@@ -1,6 +1,7 @@
 #include "nerf/train/run.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -24,14 +25,14 @@ constexpr double kPlanWithinHold = 0.8;
 constexpr double kLeastHold = 0.02;
 // For what late steps cost beside the drawing of their rays, whose change is measured.
 constexpr double kLateStep = 1.02;
+// Shares of the budget after which the plan is corrected by the speed since: others use the
+// machine.
+constexpr std::array kCorrections = {0.3, 0.55, 0.75, 0.9};
+constexpr double kOff = 0.02;            // of the budget: a plan that ends as near to it stays
 constexpr double kFirstSave = 0.25;      // of the interval between checkpoints
 constexpr double kMostEvaluation = 0.1;  // of the time of training, where it is not short anyway
 constexpr double kEmptyOpacity = 0.001;
 constexpr double kEmptyShare = 0.02;  // of the photos' own opacity
-
-double seconds_now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 class Run {
  public:
@@ -70,6 +71,11 @@ class Run {
   }
 
  private:
+  double seconds_now() const {
+    if (callbacks_.clock) return callbacks_.clock();
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration<double>(now).count();
+  }
   bool stopped() const { return stopped_ || (cancel_ && cancel_->requested()); }
   bool plan_known() const { return trainer_.options().steps < kNoPlan; }
 
@@ -91,7 +97,7 @@ class Run {
     result_.samples += report.samples;
     result_.rays += report.rays;
     speed_.add(took, report);
-    if (budget_ > 0 && !plan_known()) plan_when_due();
+    if (budget_ > 0) plan_known() ? correct_when_due() : plan_when_due();
     if (is_empty(report)) {
       go_back("the scene stays empty: after " + std::to_string(report.step) +
                   " steps no ray meets anything",
@@ -120,21 +126,51 @@ class Run {
     plan(static_cast<int64_t>(std::ceil(static_cast<double>(trainer_.steps_done()) / hold)));
   }
 
-  // As many steps as the rest of the budget has room for, but not below `least`.
   void plan(int64_t least) {
-    const double left = std::max(budget_ - result_.train_seconds, 0.0);
-    const double early = speed_.step_seconds_ahead();
-    const double saving = trainer_.late_saving_seconds();
-    int64_t steps = least;
-    double late = early;
-    // How much of it is saved on the way depends on how many steps there are.
-    for (int i = 0; i < 3; ++i) {
-      const int64_t room = static_cast<int64_t>(left / (kLateStep * late));
-      steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, room));
-      late = std::max(0.25 * early, early - saving * trainer_.late_saving_share(steps));
-    }
+    const Room room = room_for(speed_.step_seconds_ahead(), least);
+    trainer_.set_planned_steps(room.steps);
+    measured_from_ = speed_.steps();
+    if (callbacks_.planned) callbacks_.planned(room.steps);
+  }
+
+  void correct_when_due() {
+    constexpr int64_t kEnough = 8;  // steps to tell a speed from
+    const auto due = [&](double share) { return result_.train_seconds >= share * budget_; };
+    const auto passed = std::ranges::count_if(kCorrections, due);
+    if (passed <= corrections_ || speed_.steps() - measured_from_ < kEnough) return;
+    corrections_ = passed;
+    const double seconds = speed_.mean_seconds_since(measured_from_);
+    measured_from_ = speed_.steps();
+    const int64_t planned = trainer_.options().steps, left = planned - trainer_.steps_done();
+    if (left <= 0 || seconds <= 0) return;
+    const Room room = room_for(seconds, 0);
+    if (std::fabs(static_cast<double>(room.steps - planned)) * room.step_seconds < kOff * budget_)
+      return;
+    // The field needs a while at falling rates, however little time is left.
+    const int64_t steps = std::max(room.steps, trainer_.steps_done() + (left + 1) / 2);
     trainer_.set_planned_steps(steps);
     if (callbacks_.planned) callbacks_.planned(steps);
+  }
+
+  struct Room {
+    int64_t steps;        // of the whole run
+    double step_seconds;  // of those that are left
+  };
+
+  // As many steps as the rest of the budget has room for, but not below `least`, where a step takes
+  // so long now.
+  Room room_for(double now, int64_t least) {
+    const double left = std::max(budget_ - result_.train_seconds, 0.0);
+    const double saving = trainer_.late_saving_seconds();
+    Room room{least, now};
+    // How much of it is saved on the way depends on how many steps there are.
+    for (int i = 0; i < 3; ++i) {
+      const int64_t more = static_cast<int64_t>(left / (kLateStep * room.step_seconds));
+      room.steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, more));
+      room.step_seconds =
+          std::max(0.25 * now, now - saving * trainer_.late_saving_share(room.steps));
+    }
+    return room;
   }
 
   bool is_empty(const StepReport& report) {
@@ -232,6 +268,8 @@ class Run {
     result_.rays = f.integer("rays", 0, INT64_MAX);
     result_.failures = static_cast<int>(f.integer("failures", 0, kMostFailures));
     opacity_ = f.number("opacity");
+    corrections_ = std::ranges::count_if(
+        kCorrections, [&](double share) { return result_.train_seconds >= share * budget_; });
   }
 
   Trainer& trainer_;
@@ -243,7 +281,9 @@ class Run {
   double photo_opacity_;
   RunResult result_;
   SpeedMeter speed_;
-  double opacity_ = 0;  // of the last steps' rays
+  std::ptrdiff_t corrections_ = 0;  // that were due
+  int64_t measured_from_ = 0;       // first step that the next one's speed is told from
+  double opacity_ = 0;              // of the last steps' rays
   double next_save_ = 0, next_evaluation_ = 0;
   bool have_checkpoint_ = false, stopped_ = false;
 };

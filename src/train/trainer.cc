@@ -29,6 +29,9 @@ std::unique_ptr<TrainerImpl> make_trainer(const Scene& scene, const PhotoSet& ph
 void TrainOptions::check_options() const {
   grid.check_options();
   network.check_options();
+  if (!plan_changes.list.empty() && steps <= plan_changes.list.back().step)
+    throw Error("the length of the training changes at a step that it does not have",
+                "--plan-changes", "give --steps too, above the last STEP");
   if (method == kGridMethod || network.sampling.rounds == 0 || network.shared) return;
   const bool bounded =
       network.sampling.resampling == Resampling::kProposal && recipe.interlevel > 0;
@@ -47,13 +50,7 @@ bool learns_from_reduced_photos(const TrainOptions& options) {
   return options.method != kGridMethod || options.grid.sees_cones();
 }
 
-double TrainerImpl::progress_at(int64_t step) const { return progress_at(step, options.steps); }
-
-double TrainerImpl::progress_at(int64_t step, int64_t steps) const {
-  const double total = static_cast<double>(std::max<int64_t>(steps, 1));
-  const double share = std::min(1.0, static_cast<double>(step) / total);
-  return std::max(0.0, share - options.hold) / (1 - options.hold);
-}
+TrainingPlan TrainOptions::plan() const { return {steps, hold, plan_changes}; }
 
 Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
                  ThreadPool& pool)
@@ -79,7 +76,10 @@ const GridField& Trainer::field() const {
   NERF_CHECK(impl_->grid() != nullptr);
   return *impl_->grid();
 }
-void Trainer::set_planned_steps(int64_t steps) { impl_->options.steps = steps; }
+void Trainer::set_planned_steps(int64_t steps) {
+  impl_->options.plan_changes = impl_->options.plan().changed(impl_->done, steps).changes;
+  impl_->options.steps = steps;
+}
 
 RadianceField Trainer::snapshot() const {
   ModelInfo info;

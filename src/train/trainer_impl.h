@@ -31,9 +31,7 @@ struct TrainerImpl {
   virtual void load_state(const internal::ContainerReader& file,
                           const internal::JsonFields& scalars) = 0;
 
-  // 0 during the hold, then linearly to 1 at the end of the plan.
-  double progress_at(int64_t step) const;
-  double progress_at(int64_t step, int64_t steps) const;  // of a plan of so many
+  double progress_at(int64_t step) const { return options.plan().progress_at(step); }
   // Throws NonFiniteError that names the step (health.cc).
   void check_loss(double loss) const;
 

@@ -72,9 +72,9 @@ class NerfTrain : public ::testing::Test {
     }
     return steps;
   }
-  // The command that the program printed behind `lead`, to the line's end.
+  // The last command that the program printed behind `lead`, to the line's end.
   static std::string printed_command(const ProgramResult& result, const std::string& lead) {
-    const size_t at = result.err.find(lead + "nerf_train ");
+    const size_t at = result.err.rfind(lead + "nerf_train ");
     EXPECT_NE(at, std::string::npos) << result.err;
     if (at == std::string::npos) return "false";
     const size_t begin = at + lead.size();

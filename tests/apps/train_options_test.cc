@@ -17,8 +17,11 @@ TEST(TrainOptionsText, EquivalentCommandKeepsWhatWasGiven) {
   command.minutes = 3;
   command.downscale = 2;
   command.train.rate = 0.5;
-  EXPECT_EQ(apps::equivalent_command(command, 77),
+  EXPECT_EQ(apps::equivalent_command(command, {77, 0.1, {}}),
             "nerf_train 'my photos/it'\\''s' --downscale 2 --rate 0.5 --steps 77");
+  EXPECT_EQ(apps::equivalent_command(command, {77, 0.1, {{{20, 60}, {40, 90}}}}),
+            "nerf_train 'my photos/it'\\''s' --downscale 2 --plan-changes 20:60,40:90 --rate 0.5 "
+            "--steps 77");
 }
 
 TEST(TrainOptionsText, ABackgroundNeedsPhotosWithAlpha) {
@@ -65,7 +68,7 @@ TEST(TrainOptionsText, APlanOfMinutesAnnealsOverStepsThatItKnows) {
   command.minutes = 60;
   EXPECT_EQ(apps::with_preset(command, {}).train.recipe.anneal_steps, kAnnealSteps);
   const std::string again =
-      apps::equivalent_command(apps::with_preset(command, {"minutes", "scale"}), 5000);
+      apps::equivalent_command(apps::with_preset(command, {"minutes", "scale"}), {5000, 0.1, {}});
   EXPECT_NE(again.find("--recipe-anneal-steps " + std::to_string(kAnnealSteps)), std::string::npos)
       << again;
   EXPECT_THROW(apps::with_preset(command, {"recipe.anneal_steps"}), Error);

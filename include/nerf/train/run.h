@@ -17,7 +17,7 @@ struct RunOptions {
   // Budget of time for training steps; evaluation and saving do not count. 0: TrainOptions::steps
   // is the length. Within TrainOptions::hold of the budget the plan is not known and nothing
   // depends on it; then it is fixed from the measured speed, so that a run of that many steps gives
-  // the same bits.
+  // the same bits. Where the speed changes it is corrected on the way (TrainOptions::plan_changes).
   double minutes = 0;
   double checkpoint_every = 2;  // minutes of training; 0: only at the end
   // Minutes of training, more where an evaluation takes longer than a tenth of them; 0: only at the
@@ -40,13 +40,17 @@ struct RunProgress {
 // All optional; called on the thread that called run_training.
 struct RunCallbacks {
   std::function<void(const RunProgress&)> step;  // after every step
-  std::function<void(int64_t steps)> planned;  // a budget's plan was fixed (again after a failure)
+  // A budget's plan was fixed, corrected or, after a failure, fixed again.
+  std::function<void(int64_t steps)> planned;
   // Training went back after a failure, which `reason` names: to the step given, with half the
   // rate.
   std::function<void(const std::string& reason, int64_t step)> went_back;
   // At intervals, and with `last` when training is done. May throw Cancelled.
   std::function<void(bool last)> evaluate;
   std::function<void()> saved;  // a checkpoint was written
+  // Seconds since some moment, by which steps, evaluations and savings are timed; without it
+  // std::chrono::steady_clock.
+  std::function<double()> clock;
 };
 
 struct RunResult {

@@ -20,6 +20,7 @@
 #include "nerf/model/network_options.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/train/network_recipe.h"
+#include "nerf/train/plan.h"
 
 namespace nerf {
 
@@ -44,6 +45,7 @@ struct TrainOptions {
   std::string method = kGridMethod;  // see methods.h
   uint64_t seed = 1;
   int64_t steps = 0;  // planned length: the rate falls over it
+  PlanChanges plan_changes;
   Background background = Background::kWhite;
   int batch_samples = 1 << 16;             // network samples of a step
   double rate = 2e-2;                      // of the tables, or of all networks
@@ -81,6 +83,9 @@ struct TrainOptions {
     v("method", method, "what is trained; see --list-methods", one_of(internal::method_choices()));
     v("seed", seed, "of every random number");
     v("steps", steps, "length of the training; the step size falls over it", at_least(0));
+    v("plan_changes", plan_changes,
+      "until step STEP the length was LENGTH: what --minutes prints, to repeat a run whose length "
+      "was corrected on the way");
     v("background", background,
       "colour that photos with alpha are laid over, where they are compared and where a paper's "
       "method trains on them; other photos need none");
@@ -162,6 +167,7 @@ struct TrainOptions {
     v("recipe", recipe, "training of the paper methods");
   }
   void check_options() const;
+  TrainingPlan plan() const;
 };
 
 // Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
@@ -235,14 +241,15 @@ class Trainer {
   // their samples little by little.
   double late_saving_share(int64_t steps) const;
 
-  // Changes the planned length (a time budget fixes it after a warm-up). The steps before
-  // options().hold of it do not depend on it.
+  // Changes the planned length (a time budget fixes it after a warm-up, and corrects it). The steps
+  // before options().hold of it do not depend on it; later, progress goes on from where it is, and
+  // options().plan_changes has what was planned until then.
   void set_planned_steps(int64_t steps);
 
   // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
   // returns. Loading throws Error for a damaged file, another version, another scene (names, sizes,
-  // cameras, split) and options that differ in anything but `steps`, which becomes the file's;
-  // after an Error the trainer must be restarted. `run_state` is UTF-8.
+  // cameras, split) and options that differ in anything but `steps` and `plan_changes`, which
+  // become the file's; after an Error the trainer must be restarted. `run_state` is UTF-8.
   void save_checkpoint(const std::filesystem::path& path, const std::string& run_state = "") const;
   std::string load_checkpoint(const std::filesystem::path& path);
 
