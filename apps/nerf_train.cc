@@ -171,9 +171,11 @@ class Training {
   void on_plan(int64_t steps) {
     progress_.clear();
     const TrainingPlan plan = trainer_.options().plan();
-    log_info(fmt::format("the plan is {}{} steps; the same result again: {}",
-                         plan.changes.list.empty() ? "" : "now ", steps,
-                         equivalent_command(command_, plan)));
+    if (plan.changes.list.empty())
+      log_info(fmt::format("the plan is {} steps; the same result again: {}", steps,
+                           equivalent_command(command_, plan)));
+    else  // the whole command once, at the end
+      log_info(fmt::format("the speed has changed: the plan is {} steps now", steps));
   }
 
   void on_evaluation(bool last) {
@@ -239,6 +241,9 @@ class Training {
       for (const ScaleScore& s : summary_.evaluation.scales)
         log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,
                              s.psnr, s.ssim, s.counted));
+    if (const TrainingPlan plan = trainer_.options().plan();
+        command_.minutes && !plan.changes.list.empty())
+      log_info("the same result again: " + equivalent_command(command_, plan));
     log_info(fmt::format("written to  {}", folder_.path().string()));
     return kExitOk;
   }

@@ -223,7 +223,7 @@ TEST(Run, ABudgetHoldsThoughTheMachineGetsSlowerOrFaster) {
   ThreadPool pool(1);
   const struct {
     double before, after, turn;
-  } machines[] = {{0.1, 0.1, 0}, {0.1, 0.25, 20}, {0.25, 0.1, 20}, {0.1, 0.2, 35}};
+  } machines[] = {{0.2, 0.2, 0}, {0.2, 0.5, 20}, {0.5, 0.2, 20}, {0.2, 0.4, 35}};
   for (const auto& m : machines) {
     Trainer trainer(c.scene, c.photos, tiny_options(0), pool);
     const RunResult result = run_of_a_minute(trainer, m.before, m.after, m.turn);
