@@ -87,8 +87,9 @@ TrainingPlan TrainingPlan::changed(int64_t done, int64_t to) const {
     }
     out.changes.list.push_back(c);
   }
-  if (progress_at(done) > 0 && done < length && length != to)
-    out.changes.list.push_back({done, length});
+  // Whether a step that was done had, or would have had, another progress than at the beginning.
+  const bool matters = progress_at(done - 1) > 0 || out.progress_at(done - 1) > 0;
+  if (matters && done < length && length != to) out.changes.list.push_back({done, length});
   return out;
 }
 

@@ -41,7 +41,10 @@ TEST(Plan, AChangeGoesOnFromWhereProgressIs) {
 
 TEST(Plan, NothingIsKeptOfWhatNoStepDependsOn) {
   const TrainingPlan plan{200, 0.1, {}};
-  EXPECT_TRUE(plan.changed(20, 300).changes.list.empty());   // within the hold
+  EXPECT_TRUE(plan.changed(20, 300).changes.list.empty());  // within the hold of both
+  EXPECT_TRUE(plan.changed(15, 150).changes.list.empty());
+  EXPECT_EQ(plan.changed(15, 100).changes, (PlanChanges{{{15, 200}}}));  // of the first alone
+  EXPECT_EQ(plan.changed(15, 100).progress_at(15), 0);
   EXPECT_TRUE(plan.changed(110, 200).changes.list.empty());  // the same length
   EXPECT_TRUE(plan.changed(200, 300).changes.list.empty());  // done
   const TrainingPlan changed = plan.changed(50, 150).changed(100, 180);

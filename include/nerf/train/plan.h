@@ -38,8 +38,8 @@ struct TrainingPlan {
   // In [0, 1], never falling with `step`, the number of steps that were done: 0 during the hold,
   // then linear to 1 at the end. From each change on linear from where it was by then.
   double progress_at(int64_t step) const;
-  // The plan as of `done` steps, from when on it is to be so many: what was planned for steps that
-  // are not done is forgotten.
+  // The plan as of `done` steps, from when on it is to be so many: progress is the same until then
+  // and goes on from there, and what was planned for steps that are not done is forgotten.
   TrainingPlan changed(int64_t done, int64_t steps) const;
 };
 
