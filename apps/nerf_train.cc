@@ -39,6 +39,7 @@ void complete(TrainCommand& command, const std::set<std::string>& given, const R
     options_from_json(saved, read_text_file(folder.options()), folder.options().string());
     resume_options(command, given, saved, folder.path().string());
   }
+  // Of a run whose options.json is lost.
   if (!command.minutes && command.train.steps == 0)
     command.minutes = default_minutes(command.train.method, command.scale);
 }

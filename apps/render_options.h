@@ -71,7 +71,9 @@ struct RenderCommand {
       "path in nerfstudio's JSON format, in the input model's coordinates",
       metavar("VIEWS"));
     v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"));
-    v("size", size, "size of the pictures; without it that of the photos");
+    v("size", size,
+      "size of the pictures; without it that of the photos, or the one that a camera path's file "
+      "states");
     v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64));
     v("frames", frames, "length of the generated paths (orbit, spiral, ...); without it 120",
       at_least(1), at_most(100000));
@@ -82,11 +84,11 @@ struct RenderCommand {
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
     v("background", background,
       "sRGB colour behind the scene, each 0 to 1; without it what nerf_train --background said, or "
-      "white",
+      "white (a paper's method that learnt photos without alpha has black)",
       at_least(0), at_most(1), metavar("R,G,B"));
     v("supersample", supersample,
-      "rays along a pixel's side, averaged; 0: with the grid method so many that none is wider "
-      "than a pixel of the photos, else one",
+      "rays along a pixel's side, averaged; 0: with the grid method as many as a pixel is wide in "
+      "those of the photos (rounded, at most 8), else one",
       at_least(0), at_most(kMostSupersampling));
     v("precision", precision,
       "operands of the networks' products; auto: bf16 where the processor is faster with it");

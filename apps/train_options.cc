@@ -82,8 +82,11 @@ double default_minutes(const std::string& method, Scale scale) {
 TrainCommand with_preset(const TrainCommand& command, const std::set<std::string>& given) {
   TrainCommand out = command;
   out.train = method_options(command.train.method, command.scale);
+  const int64_t steps = given.contains("steps") ? command.train.steps : out.train.steps;
+  if (!command.minutes && !command.resume && steps == 0)
+    out.minutes = default_minutes(command.train.method, command.scale);
   // A budget of minutes has a length of its own, and needs a while at the first rate to find it.
-  if (command.minutes) {
+  if (out.minutes) {
     out.train.steps = 0;
     out.train.hold = std::max(out.train.hold, TrainOptions().hold);
   }
@@ -93,9 +96,9 @@ TrainCommand with_preset(const TrainCommand& command, const std::set<std::string
     if (given.contains(to[i].name)) to[i].set(from[i].get());
   // Nor does it know that length while it begins.
   NetworkRecipe& recipe = out.train.recipe;
-  if (command.minutes && recipe.anneal && recipe.anneal_steps == 0) {
+  if (out.minutes && recipe.anneal && recipe.anneal_steps == 0) {
     if (given.contains("recipe.anneal_steps"))
-      throw Error("with --minutes it is not known how many steps there are",
+      throw Error("of a training by minutes it is not known how many steps there are",
                   "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
     recipe.anneal_steps = kAnnealSteps;
   }
@@ -183,9 +186,10 @@ SceneOptions TrainCommand::scene_options() const {
 ProgramText train_program_text() {
   return {
       "nerf_train", "Trains a radiance field from photographs.",
-      "A capture is a folder with Blender's transforms_train.json, with COLMAP's images and\n"
-      "sparse, with a transforms.json, a folder of photos (camera poses are found by colmap), or\n"
-      "a video. Masks lie in masks/ under the photo's name, or the name + .png: values of 128\n"
+      "A capture is a folder with Blender's transforms_train.json, with LLFF's\n"
+      "poses_bounds.npy, with COLMAP's images and sparse, with a transforms.json, a folder of\n"
+      "photos (camera poses are found by colmap), or a video. Masks lie in masks/ under the "
+      "photo's name, or the name + .png: values of 128\n"
       "and more keep a pixel, the others count neither in training nor in metrics. Pixels are\n"
       "taken as stored; EXIF orientation is not applied.\n\n"
       "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"

@@ -36,15 +36,29 @@ class Linear : public Operation {
     if (activation_ == LinearActivation::kRelu && !masked_by_reader(c))
       relu_backward(w_.out, c.data(output()), dy, ld, n);
 
+    const uint16_t* packed = bf16_pack(c);
+    const bool needs_dx = c.tape->needs_gradient(x);
+    // In bf16 the input's gradient first: x, which it reads for the mask, comes from memory while
+    // its sums are made. In f32 it is the weights' that ask for x.
+    if (packed && needs_dx) backward_input(c, packed, dy);
     Real* dw = c.weight_gradient + w_.offset;
     Real* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;
-    const uint16_t* packed = bf16_pack(c);
     if (packed)
       linear_backward_weights_bf16(w_.in, w_.out, dy, input(c), ld, n, dw, dbias);
     else
       linear_backward_weights(w_.in, w_.out, dy, c.data(x), ld, n, dw, dbias);
-    if (!c.tape->needs_gradient(x)) return;
+    if (!packed && needs_dx) backward_input(c, packed, dy);
+  }
 
+  bool writes_pairs() const override {
+    return activation_ == LinearActivation::kRelu && layer_writes_pairs(w_.in, w_.out);
+  }
+  bool reads_pairs() const override { return true; }
+
+ private:
+  void backward_input(Chunk& c, const uint16_t* packed, const Real* dy) const {
+    const Value x = inputs()[0];
+    const int64_t ld = c.stride(x), n = c.count(x);
     const Linear* maker = dynamic_cast<const Linear*>(c.tape->producer(x));
     const bool mask =
         maker && maker->activation_ == LinearActivation::kRelu && c.tape->only_consumer(x) == this;
@@ -58,12 +72,6 @@ class Linear : public Operation {
       for (int r = 0; r < w_.in; ++r) add_to(n, dx + r * ld, c.gradient(x) + r * ld);
   }
 
-  bool writes_pairs() const override {
-    return activation_ == LinearActivation::kRelu && layer_writes_pairs(w_.in, w_.out);
-  }
-  bool reads_pairs() const override { return true; }
-
- private:
   bool masked_by_reader(const Chunk& c) const {
     return dynamic_cast<const Linear*>(c.tape->only_consumer(output())) != nullptr;
   }

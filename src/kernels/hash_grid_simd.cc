@@ -139,49 +139,62 @@ HWY_INLINE void each_group(const HashGridLevel& level, const T* rows, const floa
   }
 }
 
+// The features of sample i of a group.
+template <bool kDense, int F, class T>
+HWY_INLINE hn::Vec<Row<F>> interpolate(const Corners& c, int i, const T* HWY_RESTRICT table) {
+  const Row<F> d;
+  constexpr hn::CappedTag<float, 2 * F> pair;
+  constexpr int kShift = F == 4 ? 2 : 1;
+  auto low = hn::Zero(d), high = hn::Zero(d);
+  if constexpr (kDense && hn::MaxLanes(pair) == 2 * F) {
+    auto both = hn::Zero(pair);  // the rows of a pair are neighbours
+    for (int k = 0; k < 4; ++k)
+      both =
+          hn::MulAdd(hn::Set(pair, c.weight[k][i]), load_features(pair, table + c.low[k][i]), both);
+    low = hn::LowerHalf(d, both);
+    high = hn::UpperHalf(d, both);
+  } else {
+    for (int k = 0; k < 4; ++k) {
+      const auto weight = hn::Set(d, c.weight[k][i]);
+      low = hn::MulAdd(weight, load_features(d, table + c.low[k][i]), low);
+      high = hn::MulAdd(weight, load_features(d, table + high_row<kDense, kShift>(c, k, i)), high);
+    }
+  }
+  high = hn::Mul(hn::Set(d, c.far[i]), high);
+  return hn::MulAdd(hn::Set(d, c.near[i]), low, high);
+}
+
 template <bool kDense, int F, class T>
 void forward_level(const HashGridLevel& level, const T* HWY_RESTRICT table, const float* x,
                    const float* y, const float* z, int64_t n, float* HWY_RESTRICT features,
                    int64_t ld) {
-  const Row<F> d;
   const hn::CappedTag<float, 4> d4;
-  constexpr hn::CappedTag<float, 2 * F> pair;
   constexpr int kShift = F == 4 ? 2 : 1;
   each_group<kDense, kShift>(level, table, x, y, z, n, [&](const Corners& c, int64_t s) HWY_ATTR {
-    alignas(64) float sum[kGroup * F];
-    for (int i = 0; i < kGroup; ++i) {
-      auto low = hn::Zero(d), high = hn::Zero(d);
-      if constexpr (kDense && hn::MaxLanes(pair) == 2 * F) {
-        auto both = hn::Zero(pair);  // the rows of a pair are neighbours
-        for (int k = 0; k < 4; ++k)
-          both = hn::MulAdd(hn::Set(pair, c.weight[k][i]), load_features(pair, table + c.low[k][i]),
-                            both);
-        low = hn::LowerHalf(d, both);
-        high = hn::UpperHalf(d, both);
-      } else {
-        for (int k = 0; k < 4; ++k) {
-          const auto weight = hn::Set(d, c.weight[k][i]);
-          low = hn::MulAdd(weight, load_features(d, table + c.low[k][i]), low);
-          high =
-              hn::MulAdd(weight, load_features(d, table + high_row<kDense, kShift>(c, k, i)), high);
-        }
-      }
-      high = hn::Mul(hn::Set(d, c.far[i]), high);
-      hn::Store(hn::MulAdd(hn::Set(d, c.near[i]), low, high), d, sum + i * F);
-    }
-    for (int h = 0; h < kGroup; h += 4) {
-      float* to = features + s + h;
-      hn::Vec<decltype(d4)> f0, f1;
+    for (int i = 0; i < kGroup; i += 4) {
+      float* to = features + s + i;
+      const auto a = interpolate<kDense, F>(c, i, table);
+      const auto b = interpolate<kDense, F>(c, i + 1, table);
+      const auto e = interpolate<kDense, F>(c, i + 2, table);
+      const auto f = interpolate<kDense, F>(c, i + 3, table);
       if constexpr (F == 4) {
-        hn::Vec<decltype(d4)> f2, f3;
-        hn::LoadInterleaved4(d4, sum + h * F, f0, f1, f2, f3);
+        alignas(64) float rows[4 * F];
+        hn::Store(a, d4, rows);
+        hn::Store(b, d4, rows + F);
+        hn::Store(e, d4, rows + 2 * F);
+        hn::Store(f, d4, rows + 3 * F);
+        hn::Vec<decltype(d4)> f0, f1, f2, f3;
+        hn::LoadInterleaved4(d4, rows, f0, f1, f2, f3);
+        hn::StoreU(f0, d4, to);
+        hn::StoreU(f1, d4, to + ld);
         hn::StoreU(f2, d4, to + 2 * ld);
         hn::StoreU(f3, d4, to + 3 * ld);
       } else {
-        hn::LoadInterleaved2(d4, sum + h * F, f0, f1);
+        // Not by way of memory: a load waits for two smaller stores until both are through.
+        const auto ab = hn::Combine(d4, b, a), ef = hn::Combine(d4, f, e);
+        hn::StoreU(hn::ConcatEven(d4, ef, ab), d4, to);
+        hn::StoreU(hn::ConcatOdd(d4, ef, ab), d4, to + ld);
       }
-      hn::StoreU(f0, d4, to);
-      hn::StoreU(f1, d4, to + ld);
     }
   });
 }

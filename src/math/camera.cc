@@ -267,9 +267,10 @@ std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction) {
   return pixel;
 }
 
-std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
-  const Lens lens = make_lens(camera);
-  if (!usable(camera, lens) || !finite(pixel)) return std::nullopt;
+namespace {
+
+std::optional<Vec3d> unproject(const Camera& camera, const Lens& lens, const Vec2d& pixel) {
+  if (!finite(pixel)) return std::nullopt;
   const Vec2d pq{(pixel.x - lens.cx) / lens.fx, (pixel.y - lens.cy) / lens.fy};
   if (!finite(pq)) return std::nullopt;
   if (camera.model == CameraModel::kFov) {
@@ -283,6 +284,23 @@ std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
   const double theta = std::hypot(uv->x, uv->y);
   const double k = theta > 0 ? std::sin(theta) / theta : 1;
   return Vec3d{uv->x * k, uv->y * k, std::cos(theta)};
+}
+
+}  // namespace
+
+std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
+  const Lens lens = make_lens(camera);
+  return usable(camera, lens) ? unproject(camera, lens, pixel) : std::nullopt;
+}
+
+void unproject_row(const Camera& camera, int x, int y, std::span<Vec3d> out) {
+  const Lens lens = make_lens(camera);
+  const bool seen = usable(camera, lens);
+  for (Vec3d& direction : out) {
+    const auto d = seen ? unproject(camera, lens, {x + 0.5, y + 0.5}) : std::nullopt;
+    direction = d ? normalized(*d) : Vec3d();
+    ++x;
+  }
 }
 
 double pixel_cone_radius(const Camera& camera, const Vec2d& pixel) {

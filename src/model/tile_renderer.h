@@ -94,12 +94,11 @@ class TileRenderer {
     tile_x_ = x0;
     tile_y_ = y0;
     tile_width_ = x1 - x0;
-    directions_.clear();
+    const size_t width = static_cast<size_t>(tile_width_);
+    directions_.resize(width * static_cast<size_t>(y1 - y0));
     for (int y = y0; y < y1; ++y)
-      for (int x = x0; x < x1; ++x) {
-        const auto direction = unproject(camera_, {x + 0.5, y + 0.5});
-        directions_.push_back(direction ? normalized(*direction) : Vec3d());
-      }
+      unproject_row(camera_, x0, y,
+                    std::span(directions_).subspan(static_cast<size_t>(y - y0) * width, width));
   }
 
   // In camera coordinates, of unit length; zero where the lens sees nothing.

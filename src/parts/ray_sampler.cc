@@ -202,35 +202,48 @@ Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
 
 void RaySampler::march_brick(Traversal& v, int c, const Passage& passage) {
   const uint64_t mask = grid_.brick_mask(c, passage.brick);
-  const Real brick_exit = passage.exit;
-  Real t = passage.t;
   const int half = grid_.side() / 2;
   const Real width = grid_.cell_width(c), scale = 1.0_r / width;
-  int at[3];
-  Real next[3];
+  // Of each axis the borders ahead, how many of them are the brick's, and what a cell further is in
+  // its memory. Which axis is next and whether its cell holds matter cannot be foretold, so that
+  // nothing below branches on it.
+  constexpr int kSide = 4, kStride[3] = {1, kSide, kSide * kSide};
+  Real border[3][kSide];
+  int ahead[3], stride[3], in = 0;
   for (int i = 0; i < 3; ++i) {
-    const Real p = v.origin[i] + v.direction[i] * t;
-    const int first = passage.at[i] * 4;
-    at[i] = std::clamp(floor_int(p * scale) + half, first, first + 3);
-    next[i] = v.border(i, at[i], half, width);
+    const Real p = v.origin[i] + v.direction[i] * passage.t;
+    const int first = passage.at[i] * kSide;
+    const int at = std::clamp(floor_int(p * scale) + half - first, 0, kSide - 1);
+    for (int k = 0; k < kSide; ++k)
+      border[i][k] = v.border(i, first + at + k * v.step[i], half, width);
+    ahead[i] = v.positive[i] ? kSide - at : at + 1;
+    stride[i] = v.step[i] * kStride[i];
+    in += at * kStride[i];
   }
+  Segment* out = segments_.data() + segment_count_;
+  Real t = passage.t, depth = v.depth;
+  int x = 0, y = 0, z = 0;  // steps along each axis
   for (;;) {
-    const int axis = least(next);
-    const Real exit = std::min(std::max(next[axis], t), brick_exit);
-    const int in = (at[2] & 3) * 16 + (at[1] & 3) * 4 + (at[0] & 3);
-    if ((mask >> in & 1) && exit > t) {
-      const Real tau = grid_.thickness(c, passage.brick * 64 + in) * (exit - t) * scale;
-      segments_[static_cast<size_t>(segment_count_++)] = {t, exit, tau};
-      v.depth += tau;
-      if (v.depth >= v.stop) return;
-    }
+    const Real tx = border[0][x], ty = border[1][y], tz = border[2][z];
+    const int by_x = int{tx < ty} & int{tx < tz}, by_y = (by_x ^ 1) & int{ty < tz};
+    const int by_z = (by_x | by_y) ^ 1;
+    const Real exit = std::min(std::max(std::min(std::min(tx, ty), tz), t), passage.exit);
+    const int cell = in + x * stride[0] + y * stride[1] + z * stride[2];
+    const bool matter = (mask >> cell & 1) & uint64_t{exit > t};
+    // 0 where there is none.
+    const Real tau = grid_.thickness(c, passage.brick * 64 + cell) * (exit - t) * scale;
+    *out = {t, exit, tau};
+    out += matter;
+    depth += tau;
     t = exit;
-    if (t >= brick_exit) return;
-    const int moved = at[axis] + v.step[axis];
-    if ((moved ^ at[axis]) & ~3) return;  // out of the brick
-    at[axis] = moved;
-    next[axis] = v.border(axis, moved, half, width);
+    x += by_x;
+    y += by_y;
+    z += by_z;
+    if (t >= passage.exit || depth >= v.stop) break;
+    if (x == ahead[0] || y == ahead[1] || z == ahead[2]) break;  // out of the brick
   }
+  v.depth = depth;
+  segment_count_ = static_cast<int>(out - segments_.data());
 }
 
 // Mass of each segment: the share of light that the cache says comes from it, spread to its direct

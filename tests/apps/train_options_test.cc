@@ -76,6 +76,27 @@ TEST(TrainOptionsText, APlanOfMinutesAnnealsOverStepsThatItKnows) {
   EXPECT_EQ(apps::with_preset(command, {"recipe.anneal_steps"}).train.recipe.anneal_steps, 100);
 }
 
+// Neither minutes nor steps: the default's minutes are a plan of minutes like any other.
+TEST(TrainOptionsText, ADefaultOfMinutesIsAPlanOfMinutes) {
+  apps::TrainCommand command;
+  command.train.method = "mipnerf360";
+  command.scale = Scale::kTiny;
+  const apps::TrainCommand decided = apps::with_preset(command, {"scale"});
+  EXPECT_EQ(decided.minutes, apps::default_minutes("mipnerf360", Scale::kTiny));
+  EXPECT_EQ(decided.train.steps, 0);
+  EXPECT_EQ(decided.train.recipe.anneal_steps, kAnnealSteps);
+  EXPECT_GE(decided.train.hold, TrainOptions().hold);
+  EXPECT_THROW(apps::with_preset(command, {"scale", "recipe.anneal_steps"}), Error);
+  command.train.steps = 100;
+  EXPECT_FALSE(apps::with_preset(command, {"scale", "steps"}).minutes);
+  EXPECT_EQ(apps::with_preset(command, {"scale", "steps", "recipe.anneal_steps"})
+                .train.recipe.anneal_steps,
+            0);
+  command.train.steps = 0;
+  command.resume = true;  // the run's own length
+  EXPECT_FALSE(apps::with_preset(command, {}).minutes);
+}
+
 // The help marks them, and a warning names them.
 TEST(TrainOptionsText, WhatTheGridAloneReadsIsNotUsedByAPapersMethod) {
   Scene cut_out;

@@ -141,6 +141,25 @@ TEST(Camera, UnprojectInvertsProjectOverDirections) {
   }
 }
 
+TEST(Camera, ARowIsItsPixelsUnprojected) {
+  for (Camera camera : all_cameras()) {
+    SCOPED_TRACE(camera_model_name(camera.model));
+    // From beyond the left border to beyond the right one, where some lenses see nothing.
+    constexpr int kFirst = -2000;
+    std::vector<Vec3d> row(5000);
+    for (const int y : {-1500, 0, 479}) {
+      unproject_row(camera, kFirst, y, row);
+      for (size_t i = 0; i < row.size(); i += 7) {
+        const auto d = unproject(camera, {kFirst + static_cast<double>(i) + 0.5, y + 0.5});
+        EXPECT_EQ(row[i], d ? normalized(*d) : Vec3d()) << i << ' ' << y;
+      }
+    }
+    camera.params[0] = kNan;
+    unproject_row(camera, 0, 0, row);
+    EXPECT_EQ(row[0], Vec3d());
+  }
+}
+
 TEST(Camera, FisheyeSeesBehindThePlaneThatAPinholeDoesNot) {
   const Camera fisheye = make_camera(CameraModel::kOpenCVFisheye, {300, 300, 320, 240, 0, 0, 0, 0});
   const Vec3d behind{1, 0, -0.5};

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string_view>
 
 #include "nerf/math/vec.h"
@@ -62,6 +63,10 @@ std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction);
 // distance along it is depth); fisheyes return a unit vector. Inverts the distortion by Newton
 // iterations to 1e-10; no value where that does not converge or lies beyond the lens's valid range.
 std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel);
+
+// Directions of the centres of successive pixels of row y, from column x on: unproject()'s, of unit
+// length; zero where there is none.
+void unproject_row(const Camera& camera, int x, int y, std::span<Vec3d> out);
 
 // Radius at distance 1 of the cone that a pixel casts along its (normalised) ray: 2 / sqrt(12)
 // times the mean distance to the rays of the next pixel to the right and below, so that the cone's

@@ -22,8 +22,9 @@ struct ModelInfo {
   std::vector<ModelView> views;  // sorted by name
   Similarity to_engine;          // input coordinates to engine coordinates (+z up)
   bool unbounded = false;
-  bool alpha = false;        // trained on photos with alpha: a background can be chosen
-  Vec3 background{1, 1, 1};  // sRGB; behind evaluations and pictures where none is chosen
+  bool alpha = false;  // trained on photos with alpha: a background can be chosen
+  // sRGB; behind evaluations (without alpha they take mid-grey) and pictures where none is chosen.
+  Vec3 background{1, 1, 1};
   double near = 0, far = 0;  // engine units
 };
 

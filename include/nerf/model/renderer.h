@@ -21,7 +21,8 @@ struct ModelInfo;
 inline constexpr int kMostSupersampling = 8;
 
 struct RenderOptions {
-  Vec3 background{1, 1, 1};  // sRGB; seen where alpha < 1
+  // sRGB; seen where alpha < 1. A paper's method that learnt photos without alpha has black.
+  Vec3 background{1, 1, 1};
   bool unclipped = false;    // true samples every occupied cell, whatever is cached of it,
                              // without min_transmittance and what counts samples
   std::optional<Box3> bbox;  // input coordinates; nothing outside it is drawn
@@ -36,8 +37,8 @@ struct RenderOptions {
   // colour, that of the mean of their features by weight; 0: every sample has its own.
   Real shared_colour = 1.0_r / 16;
   Precision precision = Precision::kAuto;  // of the networks' products
-  // Rays along a pixel's side, averaged; 0: with the grid method so many that none is wider than
-  // the median pixel of the photos trained on, at most kMostSupersampling; one with the paper
+  // Rays along a pixel's side, averaged; 0: with the grid method the width of a pixel in those of
+  // the photos trained on (their median), rounded, 1 to kMostSupersampling; one with the paper
   // methods.
   int supersample = 0;
   // Network samples of a ray of the grid method: how many against the last steps of training, how

@@ -65,7 +65,10 @@ struct NetworkRecipe {
       at_least(0), below(1));
     v("anneal", anneal,
       "raise the proposals' weights that samples are drawn from to a power that grows to 1");
-    v("anneal_steps", anneal_steps, "steps over which it does; 0: all, with a plan of minutes 2000",
+    v("anneal_steps", anneal_steps,
+      "steps over which it does; 0: all of them, for trainings of a number of steps only (of "
+      "minutes "
+      "the default is 2000)",
       at_least(0));
   }
 };

@@ -39,7 +39,8 @@ struct TrainingPlan {
   // then linear to 1 at the end. From each change on linear from where it was by then.
   double progress_at(int64_t step) const;
   // The plan as of `done` steps, from when on it is to be so many: progress is the same until then
-  // and goes on from there, and what was planned for steps that are not done is forgotten.
+  // and goes on from there, and what was planned for steps that are not done is forgotten. Where
+  // all steps are done it is a new plan of that length, whose progress at `done` is less than 1.
   TrainingPlan changed(int64_t done, int64_t steps) const;
 };
 

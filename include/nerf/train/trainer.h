@@ -53,7 +53,8 @@ struct TrainOptions {
   double network_rate = 1;                 // of the networks, as a share of `rate`
   double final_rate = 0.02;                // of the last step, as a share of `rate`
   int warmup_steps = 64;                   // over which the rate rises
-  double hold = 0.1;  // share of the steps before the rate begins to fall, linearly
+  double hold = 0.1;  // share of the steps before the rate begins to fall: linearly (grid),
+                      // exponentially (others)
   // Adam's, of the first steps and of the last: a row of the tables counts the steps that touch it,
   // which may be few, so that at first a longer memory is older than the field.
   double beta1 = 0.8, beta2 = 0.95;
@@ -211,8 +212,8 @@ struct TrainerImpl;
 
 class Trainer {
  public:
-  // The scene and the photos must outlive the trainer. Throws Error for options outside their
-  // limits and for photos that leave no pixel to train on.
+  // The scene, the photos and the pool must outlive the trainer. Throws Error for options outside
+  // their limits and for photos that leave no pixel to train on.
   Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
           ThreadPool& pool);
   ~Trainer();
@@ -233,9 +234,10 @@ class Trainer {
   // A copy to render from or save.
   RadianceField snapshot() const;
 
-  // Seconds that drawing a step's rays takes less (below 0: more) at the end of the plan, when a
-  // ray gets all its samples, than now: measured by drawing some for both. Training does not
-  // change.
+  // Seconds that a step takes less (below 0: more) at the end of the plan, when a ray gets all its
+  // samples, than now: of drawing rays and of lookups, which are measured for both, and of colours
+  // and the table's update, which are derived from these. 0 for the paper methods. Training does
+  // not change.
   double late_saving_seconds();
   // Mean share of that saving over the steps from now to the end of a plan of `steps`: rays get
   // their samples little by little.
@@ -243,7 +245,8 @@ class Trainer {
 
   // Changes the planned length (a time budget fixes it after a warm-up, and corrects it). The steps
   // before options().hold of it do not depend on it; later, progress goes on from where it is, and
-  // options().plan_changes has what was planned until then.
+  // options().plan_changes has what was planned until then. Where all planned steps are done the
+  // plan is made anew, as if it had been this long from the start.
   void set_planned_steps(int64_t steps);
 
   // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
@@ -253,7 +256,9 @@ class Trainer {
   void save_checkpoint(const std::filesystem::path& path, const std::string& run_state = "") const;
   std::string load_checkpoint(const std::filesystem::path& path);
 
-  // Restores the weights as they were at the start with another salt for every random number.
+  // Begins anew at step 0: first weights are drawn with this salt, as is every random number;
+  // optimiser, occupancy and what was learnt of errors are as at the start. The planned length
+  // stays.
   void restart(uint64_t salt, double rate_factor);
   // Another salt and rate from the next step on, everything else as it is.
   void vary(uint64_t salt, double rate_factor);
