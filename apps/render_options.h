@@ -84,11 +84,11 @@ struct RenderCommand {
     v("bbox", bbox, "draws nothing outside this box, input coordinates");
     v("background", background,
       "sRGB colour behind the scene, each 0 to 1; without it what nerf_train --background said, or "
-      "white (a paper's method that learnt photos without alpha has black)",
+      "white; not used with a paper's method that learnt photos without alpha: always black",
       at_least(0), at_most(1), metavar("R,G,B"));
     v("supersample", supersample,
-      "rays along a pixel's side, averaged; 0: with the grid method as many as a pixel is wide in "
-      "those of the photos (rounded, at most 8), else one",
+      "rays along a pixel's side, averaged; 0: with the grid method a pixel's width in pixels of "
+      "the photos, rounded, 1 to 8, else one",
       at_least(0), at_most(kMostSupersampling));
     v("precision", precision,
       "operands of the networks' products; auto: bf16 where the processor is faster with it");

@@ -98,7 +98,7 @@ TrainCommand with_preset(const TrainCommand& command, const std::set<std::string
   NetworkRecipe& recipe = out.train.recipe;
   if (out.minutes && recipe.anneal && recipe.anneal_steps == 0) {
     if (given.contains("recipe.anneal_steps"))
-      throw Error("of a training by minutes it is not known how many steps there are",
+      throw Error("a training of minutes does not know its number of steps",
                   "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
     recipe.anneal_steps = kAnnealSteps;
   }
@@ -188,10 +188,10 @@ ProgramText train_program_text() {
       "nerf_train", "Trains a radiance field from photographs.",
       "A capture is a folder with Blender's transforms_train.json, with LLFF's\n"
       "poses_bounds.npy, with COLMAP's images and sparse, with a transforms.json, a folder of\n"
-      "photos (camera poses are found by colmap), or a video. Masks lie in masks/ under the "
-      "photo's name, or the name + .png: values of 128\n"
-      "and more keep a pixel, the others count neither in training nor in metrics. Pixels are\n"
-      "taken as stored; EXIF orientation is not applied.\n\n"
+      "photos (camera poses are found by colmap), or a video. Masks lie in masks/ under the\n"
+      "photo's name, or the name + .png: values of 128 and more keep a pixel, the others count\n"
+      "neither in training nor in metrics. Pixels are taken as stored; EXIF orientation is not "
+      "applied.\n\n"
       "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"
       "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume) and eval/ with\n"
       "photo, rendering and depth side by side. The clock is that of training steps.\n"

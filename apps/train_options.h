@@ -114,7 +114,9 @@ struct TrainCommand {
 
 ProgramText train_program_text();
 
-// The command with the preset of its method and scale in place of what `given` does not name.
+// The command with the preset of its method and scale in place of what `given` does not name; where
+// neither minutes nor steps are said, with default_minutes(), unless it resumes a run, whose saved
+// options say.
 TrainCommand with_preset(const TrainCommand& command, const std::set<std::string>& given);
 
 // Throws Error for a value that only the default may have. `given` names what the command line set.

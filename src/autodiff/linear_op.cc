@@ -38,8 +38,8 @@ class Linear : public Operation {
 
     const uint16_t* packed = bf16_pack(c);
     const bool needs_dx = c.tape->needs_gradient(x);
-    // In bf16 the input's gradient first: x, which it reads for the mask, comes from memory while
-    // its sums are made. In f32 it is the weights' that ask for x.
+    // In bf16 the input's gradient first: where it reads x for a mask, x comes from memory while
+    // its sums are made. In f32 the weights' gradient prefetches x, so that it goes first.
     if (packed && needs_dx) backward_input(c, packed, dy);
     Real* dw = c.weight_gradient + w_.offset;
     Real* dbias = w_.bias ? c.weight_gradient + w_.bias_offset() : nullptr;

@@ -34,7 +34,8 @@ RaySampler::RaySampler(const OccupancyGrid& grid, const SamplerOptions& options,
     clip_.min[i] = std::max(clip_.min[i], -half);
     clip_.max[i] = std::min(clip_.max[i], half);
   }
-  // A ray crosses at most three cells per unit of each axis it moves along, in every cascade.
+  // A ray crosses at most three cells per unit of each axis it moves along, in every cascade; the
+  // march writes one more than it counts.
   segments_.resize(
       static_cast<size_t>(grid.cascades()) * 3 * (static_cast<size_t>(grid.side()) + 1) + 64);
   for (auto* a : {&thickness_, &opacity_, &one_})
@@ -230,7 +231,7 @@ void RaySampler::march_brick(Traversal& v, int c, const Passage& passage) {
     const Real exit = std::min(std::max(std::min(std::min(tx, ty), tz), t), passage.exit);
     const int cell = in + x * stride[0] + y * stride[1] + z * stride[2];
     const bool matter = (mask >> cell & 1) & uint64_t{exit > t};
-    // 0 where there is none.
+    // An empty cell's is 0.
     const Real tau = grid_.thickness(c, passage.brick * 64 + cell) * (exit - t) * scale;
     *out = {t, exit, tau};
     out += matter;

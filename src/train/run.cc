@@ -50,6 +50,10 @@ class Run {
       throw Error(
           "a budget of minutes fixes the number of steps within the hold, which is too short",
           "--hold", "give at least 0.02, or --steps");
+    const NetworkRecipe& recipe = trainer.options().recipe;
+    if (trainer.options().method != kGridMethod && recipe.anneal && recipe.anneal_steps == 0)
+      throw Error("a budget of minutes does not know at first how many steps there are",
+                  "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
     trainer_.set_planned_steps(kNoPlan);
   }
 

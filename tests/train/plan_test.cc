@@ -47,6 +47,10 @@ TEST(Plan, NothingIsKeptOfWhatNoStepDependsOn) {
   EXPECT_EQ(plan.changed(15, 100).progress_at(15), 0);
   EXPECT_TRUE(plan.changed(110, 200).changes.list.empty());  // the same length
   EXPECT_TRUE(plan.changed(200, 300).changes.list.empty());  // done
+  // Done after a change: the stretch since it is planned anew.
+  const TrainingPlan longer = plan.changed(110, 150).changed(150, 300);
+  EXPECT_EQ(longer.changes, (PlanChanges{{{110, 200}}}));
+  EXPECT_NEAR(longer.progress_at(150), 0.5 + 0.5 * 40 / 190, 1e-15);
   const TrainingPlan changed = plan.changed(50, 150).changed(100, 180);
   ASSERT_EQ(changed.changes.list.size(), 2u);
   // Back at a step before: what was planned for later is forgotten.

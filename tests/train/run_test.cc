@@ -280,6 +280,25 @@ TEST(Run, ABudgetNeedsAHoldToFixItsPlanIn) {
   EXPECT_TRUE(contains(error_of([&] { run_training(trainer, options, {}); }), "--hold"));
 }
 
+TEST(Run, ABudgetDoesNotKnowOverHowManyStepsToAnneal) {
+  const auto c = sphere_capture();
+  ThreadPool pool(1);
+  const auto error = [&](bool anneal, int steps) {
+    TrainOptions train = test::tiny_method_options("mipnerf360", 0);
+    train.recipe.anneal = anneal;
+    train.recipe.anneal_steps = steps;
+    Trainer trainer(c.scene, c.photos, train, pool);
+    RunOptions options = quiet();
+    options.minutes = 1e-3;
+    RunCallbacks callbacks;
+    callbacks.clock = clock_of_steps(1, 1, 0);
+    return error_of([&] { run_training(trainer, options, callbacks); });
+  };
+  EXPECT_TRUE(contains(error(true, 0), "--recipe-anneal-steps"));
+  EXPECT_EQ(error(true, 10), "");
+  EXPECT_EQ(error(false, 0), "");
+}
+
 // The plan of a budget stands although nothing is known of the speed of the part that resumed.
 TEST(Run, ANonFiniteFirstStepOfAResumedRunKeepsItsPlan) {
   Spoilt spoilt;

@@ -23,7 +23,8 @@ struct ModelInfo {
   Similarity to_engine;          // input coordinates to engine coordinates (+z up)
   bool unbounded = false;
   bool alpha = false;  // trained on photos with alpha: a background can be chosen
-  // sRGB; behind evaluations (without alpha they take mid-grey) and pictures where none is chosen.
+  // sRGB; behind evaluations and pictures where none is chosen. Without alpha the grid method's
+  // evaluations take mid-grey, and paper methods have black.
   Vec3 background{1, 1, 1};
   double near = 0, far = 0;  // engine units
 };

@@ -81,8 +81,7 @@ struct NetworkOptions {
     v("depth", depth, "hidden layers", at_least(1), at_most(32));
     v("width", width, "of the hidden layers", at_least(16), at_most(kMostWidth));
     v("skip", skip,
-      "the input is given again behind every layer of this number, counted from 0, but not the "
-      "first "
+      "the input is given again behind every N-th hidden layer, counted from 0, except the first "
       "and the last; 0: never",
       at_least(0), at_most(32));
     v("bottleneck", bottleneck, "features handed from density to colour", at_least(1),

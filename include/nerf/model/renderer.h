@@ -37,9 +37,8 @@ struct RenderOptions {
   // colour, that of the mean of their features by weight; 0: every sample has its own.
   Real shared_colour = 1.0_r / 16;
   Precision precision = Precision::kAuto;  // of the networks' products
-  // Rays along a pixel's side, averaged; 0: with the grid method the width of a pixel in those of
-  // the photos trained on (their median), rounded, 1 to kMostSupersampling; one with the paper
-  // methods.
+  // Rays along a pixel's side, averaged; 0: with the grid method a pixel's width in pixels of the
+  // photos trained on (their median), rounded, 1 to kMostSupersampling; one with the paper methods.
   int supersample = 0;
   // Network samples of a ray of the grid method: how many against the last steps of training, how
   // many at most (training's, if those are more; never above kChunkSamples), and the weight of

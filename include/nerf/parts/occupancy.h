@@ -117,7 +117,7 @@ class OccupancyGrid {
     __builtin_prefetch(masks_.data() + b);
     __builtin_prefetch(levels_.data() + b * 64);
   }
-  // Optical thickness of one cell width, > 0 for occupied cells.
+  // Optical thickness of one cell width: > 0 for occupied cells, 0 for empty ones.
   Real thickness(int cascade, int64_t cell) const {
     return thickness_of_level_[levels_[index(cascade, cell)]];
   }

@@ -66,9 +66,8 @@ struct NetworkRecipe {
     v("anneal", anneal,
       "raise the proposals' weights that samples are drawn from to a power that grows to 1");
     v("anneal_steps", anneal_steps,
-      "steps over which it does; 0: all of them, for trainings of a number of steps only (of "
-      "minutes "
-      "the default is 2000)",
+      "steps over which it does; 0: all of them, which a training of minutes does not know (it and "
+      "the presets small and tiny take 2000)",
       at_least(0));
   }
 };

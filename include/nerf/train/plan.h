@@ -40,7 +40,7 @@ struct TrainingPlan {
   double progress_at(int64_t step) const;
   // The plan as of `done` steps, from when on it is to be so many: progress is the same until then
   // and goes on from there, and what was planned for steps that are not done is forgotten. Where
-  // all steps are done it is a new plan of that length, whose progress at `done` is less than 1.
+  // all steps are done, the last stretch is planned anew, and progress falls below 1 again.
   TrainingPlan changed(int64_t done, int64_t steps) const;
 };
 

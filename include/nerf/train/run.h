@@ -15,10 +15,10 @@ namespace nerf {
 
 struct RunOptions {
   // Budget of time for training steps; evaluation and saving do not count. 0: TrainOptions::steps
-  // is the length. Within TrainOptions::hold of the budget the plan is not known and nothing
-  // depends on it (a NetworkRecipe that anneals must give anneal_steps); then it is fixed from the
-  // measured speed, so that a run of that many steps gives the same bits. Where the speed changes
-  // it is corrected on the way (TrainOptions::plan_changes).
+  // is the length. Within TrainOptions::hold of the budget the plan is not known and nothing may
+  // depend on it (a recipe that anneals needs anneal_steps); then it is fixed from the measured
+  // speed, so that a run of that many steps gives the same bits. Where the speed changes it is
+  // corrected on the way (TrainOptions::plan_changes).
   double minutes = 0;
   double checkpoint_every = 2;  // minutes of training; 0: only at the end
   // Minutes of training, more where an evaluation takes longer than a tenth of them; 0: only at the

@@ -235,9 +235,9 @@ class Trainer {
   RadianceField snapshot() const;
 
   // Seconds that a step takes less (below 0: more) at the end of the plan, when a ray gets all its
-  // samples, than now: of drawing rays and of lookups, which are measured for both, and of colours
-  // and the table's update, which are derived from these. 0 for the paper methods. Training does
-  // not change.
+  // samples, than now: drawing rays and lookups are measured for both; for colours and the table's
+  // update what they take now is scaled by the rays and the lookups. 0 for the paper methods and
+  // where steps are late ones already. Training does not change.
   double late_saving_seconds();
   // Mean share of that saving over the steps from now to the end of a plan of `steps`: rays get
   // their samples little by little.
@@ -246,7 +246,7 @@ class Trainer {
   // Changes the planned length (a time budget fixes it after a warm-up, and corrects it). The steps
   // before options().hold of it do not depend on it; later, progress goes on from where it is, and
   // options().plan_changes has what was planned until then. Where all planned steps are done the
-  // plan is made anew, as if it had been this long from the start.
+  // last stretch is planned anew, as if its length had been this since the change before.
   void set_planned_steps(int64_t steps);
 
   // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
