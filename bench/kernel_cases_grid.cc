@@ -47,8 +47,11 @@ class Grid {
   void forward(ThreadPool& pool) {
     constexpr int64_t kChunksPerItem = 16;
     const int64_t items = (chunks_ + kChunksPerItem - 1) / kChunksPerItem;
-    pool.parallel_for(levels() * items, [&](int64_t i) {
-      const int64_t l = i / items, first = i % items * kChunksPerItem;
+    // As the trainer: each thread begins with a part of the chunks.
+    const int64_t parts = pool.size(), items_of_part = (items + parts - 1) / parts;
+    pool.parallel_for(parts * levels() * items_of_part, [&](int64_t i) {
+      const int64_t part = i / (levels() * items_of_part), l = i / items_of_part % levels();
+      const int64_t first = (part * items_of_part + i % items_of_part) * kChunksPerItem;
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
       for (int64_t c = first; c < std::min(chunks_, first + kChunksPerItem); ++c)
         if (half_.size() == 0)

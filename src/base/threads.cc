@@ -54,6 +54,43 @@ FlushDenormals::~FlushDenormals() {
 #endif
 }
 
+namespace {
+
+// Indices [begin, end) that one thread takes from the front and others from the back.
+class alignas(64) Range {
+ public:
+  void set(int64_t begin, int64_t end) { bounds_ = pack(begin, end); }
+  // -1: none left.
+  int64_t take_first() {
+    uint64_t b = bounds_.load(std::memory_order_relaxed);
+    while (begin(b) < end(b))
+      if (bounds_.compare_exchange_weak(b, pack(begin(b) + 1, end(b)), std::memory_order_relaxed))
+        return begin(b);
+    return -1;
+  }
+  int64_t take_last() {
+    uint64_t b = bounds_.load(std::memory_order_relaxed);
+    while (begin(b) < end(b))
+      if (bounds_.compare_exchange_weak(b, pack(begin(b), end(b) - 1), std::memory_order_relaxed))
+        return end(b) - 1;
+    return -1;
+  }
+  static constexpr int64_t kMost = INT32_MAX;
+
+ private:
+  static uint64_t pack(int64_t begin, int64_t end) {
+    return static_cast<uint64_t>(begin) << 32 | static_cast<uint64_t>(end);
+  }
+  static int64_t begin(uint64_t b) { return static_cast<int64_t>(b >> 32); }
+  static int64_t end(uint64_t b) { return static_cast<int64_t>(b & 0xffffffffu); }
+  std::atomic<uint64_t> bounds_{0};
+};
+
+// So many indices for each thread are enough for each to begin with a range of its own.
+constexpr int64_t kRangeFrom = 4;
+
+}  // namespace
+
 struct ThreadPool::Impl {
   std::vector<std::thread> workers;
   std::mutex mutex;
@@ -64,12 +101,16 @@ struct ThreadPool::Impl {
 
   const std::function<void(int64_t, int)>* job = nullptr;
   int64_t count = 0;
+  // Many indices: each thread goes through a range of its own, the same one for the same count, so
+  // that what it wrote in one job is in its own cache in the next; then it takes from the others'.
+  // Few: one after the other, so that the first of them may be the longest.
+  std::vector<Range> ranges;
+  bool ranged = false;
   std::atomic<int64_t> next{0};
 
   std::mutex error_mutex;
   std::exception_ptr error;
-  int64_t error_index = 0;
-  std::atomic<bool> failed{false};
+  std::atomic<int64_t> failed{0};  // the lowest index that threw; `count`: none did
 
   void stop() {
     {
@@ -80,20 +121,41 @@ struct ThreadPool::Impl {
     for (auto& t : workers) t.join();
   }
 
+  void share_out(int64_t n) {
+    count = failed = n;
+    next = 0;
+    error = nullptr;
+    const int64_t threads = static_cast<int64_t>(ranges.size());
+    ranged = n >= kRangeFrom * threads && n <= Range::kMost;
+    for (int64_t t = 0; ranged && t < threads; ++t)
+      ranges[static_cast<size_t>(t)].set(n * t / threads, n * (t + 1) / threads);
+  }
+
+  // -1: none left.
+  int64_t take(int thread) {
+    if (!ranged) {
+      const int64_t i = next.fetch_add(1, std::memory_order_relaxed);
+      return i < count ? i : -1;
+    }
+    const size_t own = static_cast<size_t>(thread), threads = ranges.size();
+    int64_t i = ranges[own].take_first();
+    for (size_t k = 1; i < 0 && k < threads; ++k) i = ranges[(own + k) % threads].take_last();
+    return i;
+  }
+
   void work(int thread) {
     FlushDenormals guard;
-    while (!failed.load(std::memory_order_relaxed)) {
-      const int64_t i = next.fetch_add(1, std::memory_order_relaxed);
-      if (i >= count) return;
+    for (int64_t i = take(thread); i >= 0; i = take(thread)) {
+      // Those below are run still: which failure is the first does not depend on threads.
+      if (i >= failed.load(std::memory_order_relaxed)) continue;
       try {
         (*job)(i, thread);
       } catch (...) {
         std::lock_guard lock(error_mutex);
-        if (!error || i < error_index) {
+        if (i < failed) {
           error = std::current_exception();
-          error_index = i;
+          failed = i;
         }
-        failed = true;
       }
     }
   }
@@ -115,6 +177,7 @@ struct ThreadPool::Impl {
 
 ThreadPool::ThreadPool(int threads) : impl_(std::make_unique<Impl>()) {
   size_ = threads > 0 ? threads : available_processors();
+  impl_->ranges = std::vector<Range>(static_cast<size_t>(size_));
   try {
     for (int i = 1; i < size_; ++i)
       impl_->workers.emplace_back([impl = impl_.get(), i] { impl->worker_main(i); });
@@ -140,10 +203,7 @@ void ThreadPool::parallel_for_thread(int64_t count, const std::function<void(int
     std::lock_guard lock(p.mutex);
     NERF_CHECK(p.job == nullptr);  // not reentrant
     p.job = &fn;
-    p.count = count;
-    p.next = 0;
-    p.error = nullptr;
-    p.failed = false;
+    p.share_out(count);
     // With one item there is nothing to share: the workers stay asleep.
     if (count > 1 && !p.workers.empty()) {
       p.running = static_cast<int>(p.workers.size());

@@ -165,11 +165,15 @@ void GridTrainer::encode_batch(int64_t levels_on) {
   constexpr int kChunksPerItem = 16;
   const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
-  pool.parallel_for(level_count * items, [&](int64_t i) {
-    const int64_t l = i / items;
+  // Each thread begins with a part of the chunks, as it does with their networks.
+  const int64_t parts = pool.size(), items_of_part = (items + parts - 1) / parts;
+  pool.parallel_for(parts * level_count * items_of_part, [&](int64_t i) {
+    const int64_t part = i / (level_count * items_of_part);
+    const int64_t l = i / items_of_part % level_count;
+    const int64_t item = part * items_of_part + i % items_of_part;
     const int64_t rows = field.shape.features_per_entry();
-    const int64_t end = std::min<int64_t>(batch.chunks, (i % items + 1) * kChunksPerItem);
-    for (int64_t c = i % items * kChunksPerItem; c < end; ++c) {
+    const int64_t end = std::min<int64_t>(batch.chunks, (item + 1) * kChunksPerItem);
+    for (int64_t c = item * kChunksPerItem; c < end; ++c) {
       Real* to = features.data() + (c * level_count + l) * rows * ld;
       if (l < levels_on)
         encode_level(field, static_cast<size_t>(l), points_of(c),

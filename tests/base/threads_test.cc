@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <limits>
 #include <stdexcept>
+#include <string>
+#include <thread>
 #include <vector>
 
 namespace nerf {
@@ -32,6 +35,58 @@ TEST(ThreadPool, RethrowsAndStaysUsable) {
   std::atomic<int> n{0};
   pool.parallel_for(10, [&](int64_t) { ++n; });
   EXPECT_EQ(n.load(), 10);
+}
+
+TEST(ThreadPool, TheFirstFailureIsToldWhateverThreadsDo) {
+  for (const int threads : {1, 2, 3}) {
+    ThreadPool pool(threads);
+    for (const int64_t count : {7, 1000})
+      for (int repeat = 0; repeat < 20; ++repeat) {
+        std::string told;
+        try {
+          // Later ones fail at once, the first one last.
+          pool.parallel_for(count, [&](int64_t i) {
+            if (i == 2) std::this_thread::sleep_for(std::chrono::microseconds(100));
+            if (i >= 2) throw std::runtime_error(std::to_string(i));
+          });
+        } catch (const std::runtime_error& e) {
+          told = e.what();
+        }
+        EXPECT_EQ(told, "2") << threads << ' ' << count;
+      }
+  }
+}
+
+TEST(ThreadPool, AThreadWithNothingLeftTakesFromTheOthers) {
+  for (const int waiting : {0, 63}) {
+    ThreadPool pool(2);
+    std::atomic<int> others{0};
+    pool.parallel_for(64, [&](int64_t i) {
+      if (i != waiting) {
+        ++others;
+        return;
+      }
+      // Its thread is held until all else is done, which the other one must do.
+      const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+      while (others < 63 && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+      EXPECT_EQ(others.load(), 63);
+    });
+  }
+}
+
+TEST(ThreadPool, EachThreadBeginsWithARangeOfItsOwn) {
+  ThreadPool pool(2);
+  std::vector<int> by(64, -1);
+  std::atomic<int> begun{0};
+  pool.parallel_for_thread(64, [&](int64_t i, int thread) {
+    by[static_cast<size_t>(i)] = thread;
+    if (i != 0 && i != 32) return;
+    ++begun;  // both are there before either goes on
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (begun < 2 && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+  });
+  EXPECT_EQ(by[0], 0);
+  EXPECT_EQ(by[32], 1);
 }
 
 TEST(ThreadPool, ThreadIndexIsWithinThePool) {
