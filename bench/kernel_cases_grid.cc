@@ -10,6 +10,7 @@
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/math/random.h"
 #include "nerf/model/grid_field.h"
+#include "nerf/model/level_order.h"
 
 namespace nerf::apps {
 namespace {
@@ -45,15 +46,9 @@ class Grid {
   }
 
   void forward(ThreadPool& pool) {
-    constexpr int64_t kChunksPerItem = 16;
-    const int64_t items = (chunks_ + kChunksPerItem - 1) / kChunksPerItem;
-    // As the trainer: each thread begins with a part of the chunks.
-    const int64_t parts = pool.size(), items_of_part = (items + parts - 1) / parts;
-    pool.parallel_for(parts * levels() * items_of_part, [&](int64_t i) {
-      const int64_t part = i / (levels() * items_of_part), l = i / items_of_part % levels();
-      const int64_t first = (part * items_of_part + i % items_of_part) * kChunksPerItem;
+    each_level_of_chunks(pool, levels(), chunks_, [&](int64_t l, int64_t first, int64_t last) {
       const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
-      for (int64_t c = first; c < std::min(chunks_, first + kChunksPerItem); ++c)
+      for (int64_t c = first; c < last; ++c)
         if (half_.size() == 0)
           hash_grid_forward(level, table_.data() + level.begin(), x_.data() + at(c),
                             y_.data() + at(c), z_.data() + at(c), kChunkSamples, features(c, l),

@@ -87,7 +87,7 @@ class alignas(64) Range {
 };
 
 // So many indices for each thread are enough for each to begin with a range of its own.
-constexpr int64_t kRangeFrom = 4;
+constexpr int64_t kRangeFrom = 10;
 
 }  // namespace
 

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "base/half.h"
+#include "nerf/model/level_order.h"
 #include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
 #include "train/lap.h"
@@ -160,28 +161,20 @@ StepReport GridTrainer::step() {
 }
 
 void GridTrainer::encode_batch(int64_t levels_on) {
-  // Level by level over all chunks: a level's table stays in cache.
   const int64_t ld = kChunkSamples;
-  constexpr int kChunksPerItem = 16;
-  const int64_t items = (batch.chunks + kChunksPerItem - 1) / kChunksPerItem;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
-  // Each thread begins with a part of the chunks, as it does with their networks.
-  const int64_t parts = pool.size(), items_of_part = (items + parts - 1) / parts;
-  pool.parallel_for(parts * level_count * items_of_part, [&](int64_t i) {
-    const int64_t part = i / (level_count * items_of_part);
-    const int64_t l = i / items_of_part % level_count;
-    const int64_t item = part * items_of_part + i % items_of_part;
-    const int64_t rows = field.shape.features_per_entry();
-    const int64_t end = std::min<int64_t>(batch.chunks, (item + 1) * kChunksPerItem);
-    for (int64_t c = item * kChunksPerItem; c < end; ++c) {
-      Real* to = features.data() + (c * level_count + l) * rows * ld;
-      if (l < levels_on)
-        encode_level(field, static_cast<size_t>(l), points_of(c),
-                     batch.samples[static_cast<size_t>(c)], to, ld);
-      else
-        std::fill_n(to, rows * ld, 0.0_r);
-    }
-  });
+  const int64_t rows = field.shape.features_per_entry();
+  each_level_of_chunks(pool, level_count, batch.chunks,
+                       [&](int64_t l, int64_t first, int64_t last) {
+                         for (int64_t c = first; c < last; ++c) {
+                           Real* to = features.data() + (c * level_count + l) * rows * ld;
+                           if (l < levels_on)
+                             encode_level(field, static_cast<size_t>(l), points_of(c),
+                                          batch.samples[static_cast<size_t>(c)], to, ld);
+                           else
+                             std::fill_n(to, rows * ld, 0.0_r);
+                         }
+                       });
 }
 
 void GridTrainer::run_chunks() {
