@@ -153,6 +153,7 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
   } switches[] = {
       {"as it is", {}},
       {"pixels drawn evenly", {"--error-guidance", "0"}},
+      {"pixels drawn by their error alone", {"--error-guidance", "1"}},
       {"all samples from the start", {"--early-samples", "1"}},
       {"one sample per cell", {"--grid-samples-per-cell", "1"}},
       {"six samples per cell", {"--grid-samples-per-cell", "6"}},
@@ -168,6 +169,7 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"short memory to the end", {"--final-beta1", "0.8", "--final-beta2", "0.95"}},
       {"one hidden colour layer", {"--grid-colour-layers", "1"}},
       {"a colour for each sample", {"--shared-colour", "0"}},
+      {"a colour for a quarter of the light", {"--shared-colour", "0.25"}},
       {"colour once per ray", {"--grid-colour-per-ray"}},
       {"every gradient goes back", {"--gradient-roulette", "0"}},
       {"fewer gradients go back", {"--gradient-roulette", "4"}},
@@ -175,8 +177,11 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
       {"cells that no camera sees", {"--keep-unseen"}},
       {"cells outside the visual hull", {"--keep-transparent"}},
       {"hidden samples learn", {"--stop-transmittance", "0"}},
+      {"fine levels soon", {"--late-levels", "0.1"}},
       {"fine levels late", {"--late-levels", "0.5"}},
+      {"coarse photos for a moment", {"--coarse-photos", "0.05"}},
       {"coarse photos first", {"--coarse-photos", "0.2"}},
+      {"coarse photos for long", {"--coarse-photos", "0.5"}},
       {"large steps to the end", {"--final-rate", "1"}},
   };
   ErrorCurve curve;

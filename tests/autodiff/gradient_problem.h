@@ -202,9 +202,9 @@ struct Expected {
 template <class Pick>
 Expected expected_gradient(const Problem& p, const ScalarFunction& f, const Pick& pick) {
   const auto step = [&](auto& given) { pick(given) += Complex(0, kComplexStep); };
-  const auto mark = [&](auto& given) { pick(given).slope = 1; };
+  const auto mark = [&](auto& given) { pick(given).derivative = pick(given).derivative_size = 1; };
   return {p.loss(p.evaluate<Complex>(f, step)).imag() / kComplexStep,
-          p.loss(p.evaluate<Magnitude>(f, mark)).slope};
+          p.loss(p.evaluate<Magnitude>(f, mark)).derivative_size};
 }
 
 // Gradients of each input that has one, column by column, and of each layer, row by row.

@@ -8,56 +8,72 @@
 namespace nerf {
 
 // Beside a value stands what it would be had nothing cancelled: a computation in which every result
-// went through at most k roundings is off by at most k u size. The same for the derivative along
-// one input, where reverse mode adds and multiplies the same terms as forward mode, in another
-// order.
+// went through at most k roundings is off by at most k u size, and size is at least |value|. Beside
+// the derivative along one input stands the same of it, where reverse mode adds and multiplies the
+// same terms as forward mode, in another order. Products of two errors are left out: with them the
+// size of a ray's transmittance would grow by a factor with every sample.
 struct Magnitude {
-  double value = 0, size = 0, slope = 0;
+  double value = 0, size = 0, derivative = 0, derivative_size = 0;
   Magnitude() = default;
   Magnitude(double v) : value(v), size(std::fabs(v)) {}  // NOLINT: constants are scalars too
-  Magnitude(double v, double s, double d) : value(v), size(s), slope(d) {}
+  Magnitude(double v, double s, double d, double ds)
+      : value(v), size(s), derivative(d), derivative_size(ds) {}
 };
 
-inline Magnitude operator-(Magnitude a) { return {-a.value, a.size, a.slope}; }
+// Size of a product, from values and sizes of the factors.
+inline double product_size(double a, double a_size, double b, double b_size) {
+  return std::fabs(a) * b_size + std::fabs(b) * a_size - std::fabs(a * b);
+}
+// f(x) from f, f' and f'' there.
+inline Magnitude through(Magnitude x, double f, double f1, double f2) {
+  const double f1_size = std::fabs(f1) + std::fabs(f2) * x.size;
+  return {f, std::fabs(f) + std::fabs(f1) * x.size, f1 * x.derivative,
+          product_size(f1, f1_size, x.derivative, x.derivative_size)};
+}
+
+inline Magnitude operator-(Magnitude a) {
+  return {-a.value, a.size, -a.derivative, a.derivative_size};
+}
 inline Magnitude operator+(Magnitude a, Magnitude b) {
-  return {a.value + b.value, a.size + b.size, a.slope + b.slope};
+  return {a.value + b.value, a.size + b.size, a.derivative + b.derivative,
+          a.derivative_size + b.derivative_size};
 }
 inline Magnitude operator-(Magnitude a, Magnitude b) { return a + -b; }
 inline Magnitude operator*(Magnitude a, Magnitude b) {
-  return {a.value * b.value, a.size * b.size, a.size * b.slope + a.slope * b.size};
+  return {a.value * b.value, product_size(a.value, a.size, b.value, b.size),
+          a.value * b.derivative + b.value * a.derivative,
+          product_size(a.value, a.size, b.derivative, b.derivative_size) +
+              product_size(b.value, b.size, a.derivative, a.derivative_size)};
 }
 inline Magnitude operator/(Magnitude a, Magnitude b) {
-  const double square = b.value * b.value;
-  return a * Magnitude(1 / b.value, b.size / square,
-                       b.slope / square * (1 + 2 * b.size / std::fabs(b.value)));
+  const double r = 1 / b.value;
+  return a * through(b, r, -r * r, 2 * r * r * r);
 }
 inline Magnitude& operator+=(Magnitude& a, Magnitude b) { return a = a + b; }
 inline Magnitude& operator*=(Magnitude& a, Magnitude b) { return a = a * b; }
-// An error of x moves exp(x), and its derivative, by exp(x) times it.
 inline Magnitude exp(Magnitude x) {
   const double e = std::exp(x.value);
-  return {e, e * (1 + x.size), e * x.slope * (1 + x.size)};
+  return through(x, e, e, e);
 }
 inline Magnitude expm1(Magnitude x) {
-  const double e = std::exp(x.value), value = std::expm1(x.value);
-  return {value, std::fabs(value) + e * x.size, e * x.slope * (1 + x.size)};
+  const double e = std::exp(x.value);
+  return through(x, std::expm1(x.value), e, e);
 }
 inline Magnitude log1p(Magnitude x) {
-  const double value = std::log1p(x.value), d = 1 / (1 + x.value);
-  return {value, std::fabs(value) + d * x.size, d * x.slope * (1 + d * x.size)};
+  const double d = 1 / (1 + x.value);
+  return through(x, std::log1p(x.value), d, -d * d);
 }
 inline Magnitude sqrt(Magnitude x) {
   const double r = std::sqrt(x.value);
-  return {r, r + 0.5 * x.size / r, 0.5 / r * x.slope * (1 + 0.5 * x.size / x.value)};
+  return through(x, r, 0.5 / r, -0.25 / (r * x.value));
 }
-// An error of x moves both, and their derivatives, by at most as much.
 inline Magnitude sin(Magnitude x) {
-  return {std::sin(x.value), std::fabs(std::sin(x.value)) + x.size, x.slope * (1 + x.size)};
+  return through(x, std::sin(x.value), std::cos(x.value), -std::sin(x.value));
 }
 inline Magnitude cos(Magnitude x) {
-  return {std::cos(x.value), std::fabs(std::cos(x.value)) + x.size, x.slope * (1 + x.size)};
+  return through(x, std::cos(x.value), -std::sin(x.value), -std::cos(x.value));
 }
 inline double real_part(Magnitude x) { return x.value; }
-inline Magnitude stop_gradient(Magnitude x) { return {x.value, x.size, 0}; }
+inline Magnitude stop_gradient(Magnitude x) { return {x.value, x.size, 0, 0}; }
 
 }  // namespace nerf

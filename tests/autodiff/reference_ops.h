@@ -99,7 +99,8 @@ Columns<T> sigmoid(const Columns<T>& x) {
     // The tape takes the slope from the rounded output, y (1 - y): next to 1 an error of y is one
     // of the whole difference.
     if constexpr (std::is_same_v<T, Magnitude>)
-      return Magnitude(y.value, y.size, y.slope + v.slope * y.size);
+      return Magnitude(y.value, y.size, y.derivative,
+                       y.derivative_size + std::fabs(v.derivative) * y.size);
     return y;
   });
 }

@@ -6,7 +6,8 @@
 #include <functional>
 #include <string>
 
-#include "autodiff/reference_ops.h"
+#include "autodiff/gradient_check.h"
+#include "model/network_template.h"
 #include "nerf/base/error.h"
 #include "support/network_options.h"
 
@@ -130,50 +131,6 @@ TEST(NetworkField, ImpossibleCombinationsAreErrors) {
 }
 
 // The whole network with its rendering and its loss, against the scalar templates.
-template <class T>
-Outputs<T> network_template(const NetworkField& field, const Given<T>& v) {
-  const NetworkOptions& o = field.options;
-  const RadianceNetwork& n = field.networks.back();
-  size_t next = 0;
-  const auto& position = v[next++];
-  const Columns<T> code =
-      o.integrated()
-          ? on_columns::integrated_encoding(position, v[next++], o.position_degrees)
-          : on_columns::frequency_encoding(
-                position, std::vector<double>(static_cast<size_t>(o.position_degrees), 1.0), true);
-  const auto &directions = v[next], &delta = v[next + 1], &background = v[next + 2],
-             &target = v[next + 3], &scale = v[next + 4];
-  Columns<T> h = code;
-  for (size_t i = 0; i < n.trunk.size(); ++i) {
-    h = on_columns::linear(h, v.weights, n.trunk[i], true);
-    if (i > 0 && i + 1 < n.trunk.size() && o.skip > 0 && i % static_cast<size_t>(o.skip) == 0)
-      h = on_columns::concat(code, h);
-  }
-  const Columns<T> raw = on_columns::linear(h, v.weights, n.density, false);
-  const Columns<T> density =
-      o.density == DensityActivation::kSoftplus
-          ? on_columns::softplus(raw, static_cast<double>(o.density_bias))
-          : on_columns::relu(on_columns::scale_shift(raw, 1, static_cast<double>(o.density_bias)));
-  const Columns<T> weights = on_columns::render_weights(density, delta, v.rays, o.opaque_end);
-  Columns<T> seen = h;
-  if (o.view_dependence) {
-    const Columns<T> view = on_columns::frequency_encoding(
-        directions, std::vector<double>(static_cast<size_t>(o.direction_degrees), 1.0), true);
-    seen = on_columns::linear(h, v.weights, n.bottleneck, false);
-    seen = on_columns::concat(seen, on_columns::repeat_for_samples(view, v.rays));
-    if (o.image_code > 0)
-      seen = on_columns::concat(
-          seen, on_columns::repeat_for_samples(
-                    on_columns::table_rows(v[next + 5], v.weights, n.codes), v.rays));
-    seen = on_columns::linear(seen, v.weights, n.view, true);
-  }
-  Columns<T> colour = on_columns::sigmoid(on_columns::linear(seen, v.weights, n.colour, false));
-  const double padding = static_cast<double>(o.colour_padding);
-  colour = on_columns::scale_shift(colour, 1 + 2 * padding, -padding);
-  const Columns<T> pixel = on_columns::accumulate(weights, colour, background, v.rays);
-  return {on_columns::pixel_loss(pixel, target, scale, [](T e) { return e * e; })};
-}
-
 TEST(NetworkField, GradientOfTheWholeModel) {
   for (const NetworkOptions& full : {nerf_options(), mipnerf_options(), mipnerf360_options()}) {
     for (bool view_dependence : {true, false}) {
@@ -202,9 +159,19 @@ TEST(NetworkField, GradientOfTheWholeModel) {
       test.shared = 1;
       test.weight_range = 0.4;
       SCOPED_TRACE(position_features(o));
-      check_gradients("network", test,
-                      [&]<class T>(const Given<T>& v) { return network_template<T>(field, v); },
-                      {{0, 3, 3, 10}});
+      check_gradients(
+          "network", test,
+          [&]<class T>(const Given<T>& v) {
+            test::NetworkInputs<T> in;
+            size_t next = 0;
+            in.position = v[next++];
+            if (o.integrated()) in.variance = v[next++];
+            for (auto* value : {&in.directions, &in.delta, &in.background, &in.target, &in.scale})
+              *value = v[next++];
+            if (o.image_code > 0) in.photo = v[next];
+            return Outputs<T>{test::network_template<T>(o, n, v.weights, in, v.rays, {}).loss};
+          },
+          {{0, 3, 3, 10}});
     }
   }
 }

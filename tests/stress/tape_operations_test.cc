@@ -126,7 +126,9 @@ TEST(StressTape, OperationsOfEveryMagnitude) {
 template <class T>
 T sine(double frequency, T x) {
   if constexpr (std::is_same_v<T, Magnitude>) {
-    return {std::sin(frequency * x.value), 1, frequency * x.slope};
+    return {std::sin(frequency * x.value), 1,
+            frequency * std::cos(frequency * x.value) * x.derivative,
+            frequency * x.derivative_size};
   } else {
     using std::sin;
     return sin(T(frequency) * x);
@@ -135,7 +137,9 @@ T sine(double frequency, T x) {
 template <class T>
 T cosine(double frequency, T x) {
   if constexpr (std::is_same_v<T, Magnitude>) {
-    return {std::cos(frequency * x.value), 1, frequency * x.slope};
+    return {std::cos(frequency * x.value), 1,
+            -frequency * std::sin(frequency * x.value) * x.derivative,
+            frequency * x.derivative_size};
   } else {
     using std::cos;
     return cos(T(frequency) * x);
@@ -184,7 +188,8 @@ template <class T>
 T sigmoid_of(T x) {
   const T y = on_columns::sigmoid<T>({{x}})[0][0];
   if constexpr (std::is_same_v<T, Magnitude>) {
-    return {y.value, y.size + kTiny / kRoundoff, y.slope + x.slope * kTiny / kRoundoff};
+    return {y.value, y.size + kTiny / kRoundoff, y.derivative,
+            y.derivative_size + std::fabs(x.derivative) * kTiny / kRoundoff};
   } else {
     return y;
   }

@@ -91,6 +91,9 @@ class NetworkLevels {
   std::span<const Real> weights(int level, int ray) const;
   std::span<const Real> posts(int level, int ray) const;  // entries, see IntervalSampler
   const IntervalSampler& sampler() const { return sampler_; }
+  // What a level's network was given by the last forward(), and all that it computed.
+  const NetworkTape& tape(int level) const { return levels_[static_cast<size_t>(level)]->tape; }
+  const Chunk& chunk(int level) const { return levels_[static_cast<size_t>(level)]->chunk; }
   // Distance up to which half of the light is stopped; below 0 where less than half is.
   Real median_distance(int ray) const;
 

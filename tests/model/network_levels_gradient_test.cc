@@ -1,0 +1,205 @@
+// The gradients of a method's whole loss, all levels and networks and every loss of theirs, against
+// the scalar template by complex step.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "autodiff/gradient_check.h"
+#include "model/network_template.h"
+#include "nerf/math/reference/histogram_losses.h"
+#include "nerf/model/network_levels.h"
+#include "nerf/parts/losses.h"
+#include "support/network_options.h"
+#include "support/network_rays.h"
+
+namespace nerf {
+namespace {
+
+constexpr int kRays = 2;
+constexpr double kBefore = static_cast<double>(gradient_check::Run::kBefore);
+
+NetworkOptions tiny(NetworkOptions o) {
+  o = test::small_network(o);
+  o.width = o.proposal_width = 8;
+  o.bottleneck = 3;
+  o.view_width = 6;
+  o.sampling.coarse = 4;
+  o.sampling.fine = 5;
+  return o;
+}
+
+// What one level read: where samples lie is no function of the weights (all three papers stop
+// gradients there).
+struct LevelGiven {
+  test::NetworkInputs<double> inputs;
+  Rays rays;
+  std::vector<std::vector<double>> edges;  // of each ray, in normalised distance
+};
+
+LevelGiven level_given(const NetworkLevels& levels, int level) {
+  const NetworkTape& t = levels.tape(level);
+  const Chunk& c = levels.chunk(level);
+  const auto columns = [&](Value v) {
+    Columns<double> out(static_cast<size_t>(c.count(v)));
+    for (size_t s = 0; s < out.size(); ++s)
+      for (int row = 0; row < t.tape.rows(v); ++row)
+        out[s].push_back(c.data(v)[static_cast<size_t>(row * c.stride(v)) + s]);
+    return out;
+  };
+  LevelGiven out;
+  out.inputs.position = columns(t.position);
+  if (t.variance > 0) out.inputs.variance = columns(t.variance);
+  out.inputs.delta = columns(t.delta);
+  if (t.pixel >= 0) {
+    out.inputs.directions = columns(t.directions);
+    out.inputs.background = columns(t.background);
+    out.inputs.target = columns(t.target);
+    out.inputs.scale = columns(t.scale);
+    if (t.photo >= 0) out.inputs.photo = columns(t.photo);
+  }
+  out.rays.assign(c.ray_begin, c.ray_begin + c.rays + 1);
+  for (int r = 0; r < c.rays; ++r) {
+    out.edges.emplace_back();
+    for (const Real entry : levels.posts(level, r))
+      out.edges.back().push_back(levels.sampler().normalised(entry));
+    if (!levels.sampler().intervals()) out.edges.back().push_back(1);
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> in_type(const Columns<double>& x) {
+  Columns<T> out;
+  for (const auto& column : x) out.emplace_back(column.begin(), column.end());
+  return out;
+}
+
+template <class T>
+std::vector<T> of_ray(const Columns<T>& x, const Rays& rays, size_t r) {
+  std::vector<T> out;
+  for (int32_t s = rays[r]; s < rays[r + 1]; ++s) out.push_back(x[static_cast<size_t>(s)][0]);
+  return out;
+}
+
+// Every term of the loss of all levels.
+template <class T>
+Columns<T> loss_of_levels(const NetworkField& field, const NetworkLosses& losses,
+                          const std::vector<LevelGiven>& given, double ray_scale,
+                          const std::vector<T>& weights) {
+  Columns<T> terms;
+  std::vector<test::NetworkOutputs<T>> outputs;
+  for (size_t l = 0; l < given.size(); ++l) {
+    const auto& in = given[l].inputs;
+    outputs.push_back(test::network_template<T>(
+        field.options, field.network_of(static_cast<int>(l)), weights,
+        {in_type<T>(in.position), in_type<T>(in.variance), in_type<T>(in.directions),
+         in_type<T>(in.delta), in_type<T>(in.background), in_type<T>(in.target),
+         in_type<T>(in.scale), in_type<T>(in.photo)},
+        given[l].rays, {.charbonnier = losses.charbonnier}));
+    for (const auto& term : outputs.back().loss) terms.push_back(term);
+  }
+  // A ray's scale is that of a mean over rays and three channels.
+  const LevelGiven& last = given.back();
+  const double per_ray = 3 * ray_scale;
+  for (size_t r = 0; r < kRays; ++r) {
+    const std::vector<T> w = of_ray(outputs.back().weights, last.rays, r);
+    if (losses.distortion > 0)
+      terms.push_back({reference::distortion_loss(last.edges[r], w) *
+                       T(static_cast<double>(losses.distortion) * per_ray)});
+    if (losses.interlevel == 0) continue;
+    std::vector<double> fixed;
+    for (const T& v : w) {
+      using reference::real_part;
+      fixed.push_back(real_part(v));
+    }
+    for (size_t l = 0; l + 1 < given.size(); ++l)
+      terms.push_back(
+          {reference::interlevel_loss(last.edges[r], fixed, given[l].edges[r],
+                                      of_ray(outputs[l].weights, given[l].rays, r),
+                                      static_cast<double>(kInterlevelEpsilon)) *
+           T(static_cast<double>(losses.interlevel) * per_ray / static_cast<double>(w.size()))});
+  }
+  return terms;
+}
+
+struct MethodCase {
+  std::string name;
+  NetworkOptions options;
+  NetworkLosses losses;
+};
+
+std::vector<MethodCase> methods() {
+  MethodCase mipnerf360{"mipnerf360", tiny(test::mipnerf360_options()), {}};
+  mipnerf360.options.image_code = 3;
+  mipnerf360.losses.coarse = 0;
+  mipnerf360.losses.interlevel = 1;
+  mipnerf360.losses.distortion = 0.3_r;
+  mipnerf360.losses.charbonnier = 0.001_r;
+  MethodCase mipnerf{"mipnerf", tiny(test::mipnerf_options()), {}};
+  mipnerf.losses.coarse = 0.1_r;
+  mipnerf.losses.distortion = 0.1_r;
+  MethodCase nerf{"nerf", tiny(test::nerf_options()), {}};
+  nerf.options.density_bias = 1;  // a ReLU that is dead for all samples has no gradient
+  return {nerf, mipnerf, mipnerf360};
+}
+
+TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
+  for (const MethodCase& method : methods()) {
+    SCOPED_TRACE(method.name);
+    WorstError loss(method.name + "_loss"), element(method.name + "_backward"),
+        norm(method.name + "_norm");
+    NetworkField field(method.options, 1, 4, /*photos=*/kRays);
+    for_each_target([&](const std::string&) {
+      // Weights as the generic test draws them; there is no tape of which it could be one's input.
+      TapeUnderTest of_weights{nullptr, {}, {}, field.layers(), {}, 900, 1, 0.5};
+      if (field.codes().out > 0) of_weights.layers.push_back(field.codes());
+      const Rays no_rays{0};
+      const gradient_check::Problem problem(of_weights, no_rays, 4);
+      for (size_t i = 0; i < problem.weights.size(); ++i)
+        field.weights[i] = static_cast<Real>(problem.weights[i]);
+
+      std::vector<NetworkRay> rays = test::some_rays(kRays, 2);
+      for (int r = 0; r < kRays; ++r) rays[static_cast<size_t>(r)].photo = r;
+      const std::vector<NetworkRay> before = rays;
+      NetworkLevels levels(field, kRays, true, method.losses);
+      levels.forward(rays, 1);
+      std::vector<LevelGiven> given;
+      for (int l = 0; l < levels.levels(); ++l) given.push_back(level_given(levels, l));
+      const ScalarFunction f = [&]<class T>(const Given<T>& v) {
+        return Outputs<T>{loss_of_levels(field, method.losses, given,
+                                         static_cast<double>(rays[0].scale), v.weights)};
+      };
+      const auto truth = gradient_check::expected_gradients(problem, f);
+      for (size_t i = 0; i < truth.size(); ++i)
+        EXPECT_TRUE(std::ranges::any_of(truth[i], [](const auto& e) { return e.gradient != 0; }))
+            << "layer " << i;
+      const auto nothing = [](auto&) {};
+      const double want = problem.loss(problem.evaluate<double>(f, nothing));
+      const double size = problem.loss(problem.evaluate<Magnitude>(f, nothing)).size;
+
+      for (const bool skip : {false, true}) {
+        if (skip && !levels.can_skip()) continue;
+        rays = before;  // the same random numbers
+        if (skip) levels.forward(rays, 1, true);
+        AlignedArray<Real> gradient(field.weights.size());
+        for (Real& g : gradient) g = gradient_check::Run::kBefore;
+        loss.compare(levels.backward(gradient.data()), want,
+                     of_weights.roundings * kRoundoff * size, "loss");
+        for (size_t i = 0; i < truth.size(); ++i) {
+          std::vector<double> got;
+          for (const size_t at : gradient_check::Problem::places(of_weights.layers[i]))
+            got.push_back(static_cast<double>(gradient[at]) - kBefore);
+          gradient_check::compare_gradient(of_weights, i, true, got, truth[i], element, norm);
+        }
+      }
+    });
+    loss.report();
+    element.report();
+    norm.report();
+  }
+}
+
+}  // namespace
+}  // namespace nerf
