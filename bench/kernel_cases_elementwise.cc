@@ -65,12 +65,23 @@ std::vector<KernelCase> elementwise_cases() {
                   [](A& a) { relu_backward(1, a.rectified.data(), a.b.data(), n, n); }),
       elementwise("transpose, 16 rows", 2 * kRows,
                   [](A& a) { transpose(n, kRows, a.rows.data(), n, a.turned.data(), kRows); }),
+      // A weight of 1, or a window's: the same kernel.
+      elementwise("sine and cosine forward", 3,
+                  [](A& a) {
+                    sine_cosine_forward(n, a.a.data(), nullptr, 64, 0.5_r, a.out.data(),
+                                        a.out2.data());
+                  }),
       elementwise("sine and cosine forward, damped", 4,
                   [](A& a) {
                     sine_cosine_forward(n, a.a.data(), a.variance.data(), 64, 1, a.out.data(),
                                         a.out2.data());
                   }),
-      elementwise("sine and cosine backward", 8,
+      elementwise("sine and cosine backward", 6,
+                  [](A& a) {
+                    sine_cosine_backward(n, a.a.data(), a.b.data(), a.c.data(), a.d.data(), 64,
+                                         a.out.data(), nullptr);
+                  }),
+      elementwise("sine and cosine backward, damped", 8,
                   [](A& a) {
                     sine_cosine_backward(n, a.a.data(), a.b.data(), a.c.data(), a.d.data(), 64,
                                          a.out.data(), a.out2.data());

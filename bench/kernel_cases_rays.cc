@@ -8,8 +8,12 @@
 #include "kernel_bench.h"
 #include "nerf/autodiff/operations.h"
 #include "nerf/kernels/encoding.h"
+#include "nerf/kernels/linear.h"
+#include "nerf/kernels/linear_bf16.h"
+#include "nerf/kernels/resampling.h"
 #include "nerf/kernels/roulette.h"
 #include "nerf/kernels/sample_groups.h"
+#include "nerf/kernels/volume_rendering.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/interval_sampler.h"
 
@@ -173,11 +177,13 @@ KernelRun group_run(int threads) {
 
 // Of a gradient of sixteen rows, and the 104 rows of values that the default density network goes
 // back through, what Russian roulette keeps: with norms that fall from 1 over five decades.
-KernelRun roulette_run(int threads) {
+KernelRun roulette_run(int threads, Precision precision) {
   constexpr int kRows = 16, kValues = 104;
   constexpr size_t kSize = static_cast<size_t>(kChunkSamples);
+  const bool in_pairs = precision == Precision::kBf16;
   struct Own {
     AlignedArray<Real> gradient = noise(kRows * kSize, 1), values = noise(kValues * kSize, 2);
+    AlignedArray<uint16_t> pairs{static_cast<size_t>(pairs_size(kValues, kChunkSamples))};
     AlignedArray<Real> norms{kSize}, given{kSize}, factor{kSize};
     std::vector<int32_t> kept = std::vector<int32_t>(kSize);
   };
@@ -188,7 +194,8 @@ KernelRun roulette_run(int threads) {
   KernelRun run;
   run.work = static_cast<double>(kChunks * kChunkSamples);
   // The gradient is read twice and the values once; what is written of them is counted as nothing.
-  move_through_cache(run, (2 * kRows + kValues) * sizeof(Real));
+  move_through_cache(
+      run, 2 * kRows * sizeof(Real) + kValues * (in_pairs ? sizeof(uint16_t) : sizeof(Real)));
   run.run = [=](ThreadPool& pool) {
     pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
       Own& own = (*all)[static_cast<size_t>(thread)];
@@ -196,7 +203,90 @@ KernelRun roulette_run(int threads) {
       const int64_t count = gradient_roulette(kChunkSamples, own.given.data(), 1, 0.5,
                                               own.kept.data(), own.factor.data());
       keep_columns(kRows, own.kept.data(), count, own.gradient.data(), kChunkSamples);
-      keep_columns(kValues, own.kept.data(), count, own.values.data(), kChunkSamples);
+      if (in_pairs)
+        keep_pairs(kValues, own.kept.data(), count, own.pairs.data());
+      else
+        keep_columns(kValues, own.kept.data(), count, own.values.data(), kChunkSamples);
+    });
+  };
+  return run;
+}
+
+// The scan along rays of sixteen samples by itself: from opacities to weights and pixels, and back.
+enum class Scan { kComposite, kWeights };
+struct ScanArrays {
+  static constexpr int kSamplesPerRay = 16, kRays = kChunkSamples / kSamplesPerRay;
+  static constexpr size_t kSize = static_cast<size_t>(kChunkSamples);
+  static constexpr int64_t kRayStride = (kRays + kLane - 1) / kLane * kLane;
+  ScanArrays() {
+    for (int r = 0; r <= kRays; ++r) begin.push_back(r * kSamplesPerRay);
+    std::ranges::fill(opacities, 0.1_r);
+    std::ranges::fill(density, 2.0_r);
+    std::ranges::fill(delta, 0.05_r);
+    w = opacities;
+    render_weights_forward({begin.data(), kRays}, false, w.data());
+  }
+  void forward(Scan scan) {
+    std::ranges::copy(opacities, out.begin());  // in place, as a step's are made anew
+    if (scan == Scan::kWeights)
+      render_weights_forward({begin.data(), kRays}, false, out.data());
+    else
+      composite_forward({begin.data(), kRays}, out.data(), {colour.data(), kChunkSamples},
+                        {background.data(), kRayStride}, {pixel.data(), kRayStride});
+  }
+  void backward(Scan scan) {
+    if (scan == Scan::kWeights)
+      render_weights_backward({begin.data(), kRays}, false, density.data(), delta.data(), w.data(),
+                              dw.data(), out.data());
+    else
+      composite_backward({begin.data(), kRays}, density.data(), delta.data(), w.data(),
+                         {colour.data(), kChunkSamples}, {background.data(), kRayStride},
+                         {pixel.data(), kRayStride}, out.data(), {d_colour.data(), kChunkSamples});
+  }
+  std::vector<int32_t> begin;
+  AlignedArray<Real> opacities{kSize}, density{kSize}, delta{kSize}, w, dw = noise(kSize, 1),
+                                                                        out{kSize};
+  AlignedArray<Real> colour = noise(3 * kSize, 2), d_colour{3 * kSize};
+  AlignedArray<Real> background = noise(3 * kRayStride, 3), pixel = noise(4 * kRayStride, 4);
+};
+
+// `floats` that are read or written for each sample.
+KernelCase scan_case(const char* name, double floats, Scan scan, void (ScanArrays::*pass)(Scan)) {
+  return {fmt::format("{}, 16 samples per ray", name), Unit::kSamples, kBoundCached,
+          [=](int threads) {
+            auto all = std::make_shared<std::vector<ScanArrays>>(static_cast<size_t>(threads));
+            KernelRun run;
+            run.work = static_cast<double>(kChunks * kChunkSamples);
+            move_through_cache(run, floats * sizeof(Real));
+            run.run = [=](ThreadPool& pool) {
+              pool.parallel_for_thread(kChunks, [&](int64_t, int thread) {
+                ((*all)[static_cast<size_t>(thread)].*pass)(scan);
+              });
+            };
+            return run;
+          }};
+}
+
+// The weights of a ray of 64 samples raised to a power before more are drawn from them.
+KernelRun anneal_run(int threads) {
+  constexpr size_t kSamples = 64;
+  struct Own {
+    Own() {
+      const AlignedArray<Real> random = noise(kSamples, 6);
+      for (size_t i = 0; i <= kSamples; ++i) edges.push_back(static_cast<Real>(i));
+      for (const Real r : random) weights.push_back((r + 0.5_r) / kSamples);
+    }
+    std::vector<Real> edges, weights, out = std::vector<Real>(kSamples);
+  };
+  auto all = std::make_shared<std::vector<Own>>(static_cast<size_t>(threads));
+  constexpr int64_t kRays = 1 << 14;
+  KernelRun run;
+  run.work = static_cast<double>(kRays * kSamples);
+  move_through_cache(run, 3 * sizeof(Real));
+  run.run = [=](ThreadPool& pool) {
+    pool.parallel_for_thread(kRays, [&](int64_t, int thread) {
+      Own& own = (*all)[static_cast<size_t>(thread)];
+      histogram_anneal(own.edges, own.weights, 0.5_r, own.out);
     });
   };
   return run;
@@ -213,6 +303,9 @@ std::vector<KernelCase> ray_cases() {
   const auto light = [](Light l) {
     return [=](int threads) { return compositing_run(threads, l); };
   };
+  const auto roulette = [](Precision p) {
+    return [=](int threads) { return roulette_run(threads, p); };
+  };
   return {
       {"spherical harmonics", Unit::kSamples, kBoundCached, harmonics_run},
       resampling("coarse+fine resampling", coarse_fine),
@@ -223,7 +316,15 @@ std::vector<KernelCase> ray_cases() {
       {"weights and accumulation forward+backward, 16 samples per ray", Unit::kSamples,
        kBoundCached, light(Light::kWeightsFirst)},
       {"means of groups forward+backward, 4 samples each", Unit::kSamples, kBoundCached, group_run},
-      {"gradient roulette, 120 rows", Unit::kSamples, kBoundCached, roulette_run},
+      // In opacities, colours and weights; back densities, lengths, weights and colours, then the
+      // gradients. A ray's own numbers are counted as nothing.
+      scan_case("compositing forward", 5, Scan::kComposite, &ScanArrays::forward),
+      scan_case("compositing backward", 10, Scan::kComposite, &ScanArrays::backward),
+      scan_case("weights forward", 2, Scan::kWeights, &ScanArrays::forward),
+      scan_case("weights backward", 5, Scan::kWeights, &ScanArrays::backward),
+      {"annealed weights, power 1/2, 64 samples", Unit::kSamples, kBoundCached, anneal_run},
+      {"gradient roulette, 120 rows", Unit::kSamples, kBoundCached, roulette(Precision::kF32),
+       roulette(Precision::kBf16)},
   };
 }
 
