@@ -31,11 +31,17 @@ HWY_INLINE M continues(const int32_t* of) {
   return hn::MaskFromVec(hn::BitCast(D(), hn::Load(DI(), same)));
 }
 
+constexpr int kRowsAtOnce = 32;
+
 // Sums of share x over the groups of a vector of samples, row by row. Groups follow one another:
-// their sums, at the last lane of each, are packed together and belong to successive columns.
-void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, int64_t ldx,
-             float* HWY_RESTRICT y, int64_t ldy) {
+// their sums, at the last lane of each, are packed together and belong to successive columns. From
+// the third vector of one group on its sum is kept in double: in float the sums of a million
+// samples that are alike would be off by a thousandth.
+void forward_rows(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, int64_t ldx,
+                  float* HWY_RESTRICT y, int64_t ldy) {
   const D d;
+  double sums[kRowsAtOnce] = {};
+  bool in_double = false;  // what the vectors before have of the first group
   for (int64_t i = 0; i < groups.samples; i += kLanes) {
     const int32_t* of = groups.of + i;
     const int32_t first = of[0];
@@ -46,8 +52,9 @@ void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, 
     for (int k = 0, packed = 0; k < kLanes; ++k)
       if (k + 1 == kLanes || of[k + 1] != of[k]) last[packed++] = k;
     const auto ends = hn::SetTableIndices(d, last);
-    // What the vectors before have of the first group.
-    const bool begun = i > 0 && of[-1] == first;
+    // What the vector before has of the first group.
+    const bool begun = !in_double && i > 0 && of[-1] == first;
+    const bool goes_on = (begun || in_double) && i + kLanes < groups.samples && of[kLanes] == first;
     const M same1 = continues<1>(of), same2 = continues<2>(of), same4 = continues<4>(of),
             same8 = continues<8>(of);
     for (int k = 0; k < rows; ++k) {
@@ -58,11 +65,26 @@ void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, 
       if constexpr (kLanes > 2) v = hn::Add(v, hn::IfThenElseZero(same2, moved_lanes<-2>(d, v)));
       if constexpr (kLanes > 4) v = hn::Add(v, hn::IfThenElseZero(same4, moved_lanes<-4>(d, v)));
       if constexpr (kLanes > 8) v = hn::Add(v, hn::IfThenElseZero(same8, moved_lanes<-8>(d, v)));
-      hn::StoreU(hn::TableLookupLanes(v, ends), d, to);
+      v = hn::TableLookupLanes(v, ends);
+      hn::StoreU(v, d, to);
+      if (in_double) {
+        sums[k] += static_cast<double>(hn::GetLane(v));
+        *to = static_cast<float>(sums[k]);
+      } else if (goes_on) {
+        sums[k] = static_cast<double>(hn::GetLane(v));
+      }
     }
+    in_double = goes_on;
   }
   for (int k = 0; k < rows; ++k)
     std::fill(y + k * ldy + groups.count, y + k * ldy + round_up(groups.count, kLane), 0.0f);
+}
+
+void forward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, int64_t ldx,
+             float* HWY_RESTRICT y, int64_t ldy) {
+  for (int k = 0; k < rows; k += kRowsAtOnce)
+    forward_rows(groups, rows - k < kRowsAtOnce ? rows - k : kRowsAtOnce, x + k * ldx, ldx,
+                 y + k * ldy, ldy);
 }
 
 void backward(const SampleGroups& groups, int rows, const float* HWY_RESTRICT x, int64_t ldx,

@@ -8,9 +8,14 @@
 
 #include "autodiff/reference_ops.h"
 #include "autodiff/tangent_check.h"
+#include "nerf/math/reference/encoding.h"
+#include "nerf/math/window.h"
 
 namespace nerf {
 namespace {
+
+// Where a gradient by complex step takes long: a part of a vector, a ray without samples.
+const std::vector<Rays> kFewSamples = {{0}, {0, 1, 17, 17, 20}};
 
 TEST(Tangents, OfActivations) {
   check_tangents(
@@ -57,6 +62,79 @@ TEST(Tangents, OfEncodings) {
           return on_columns::frequency_encoding(x, weights, identity);
         },
         100);
+}
+
+// A window that is shut, opens within a frequency, has just opened one, and is open. The weights
+// are one rounding more, and those of the template are not those of the library.
+TEST(Tangents, OfAWindowThatOpens) {
+  for (const double alpha : {0.0, 0.5, 1.25, 3.0, 3.5, 4.0}) {
+    std::vector<Real> open(4);
+    window_weights(alpha, open);
+    std::vector<double> weights;
+    for (int k = 0; k < 4; ++k) weights.push_back(reference::window_weight(alpha, k));
+    for (const bool identity : {false, true})
+      check_tangents(
+          "tangent_window", {3, Domain::kSamples, true, -2, 2}, {3, Domain::kSamples, true}, {},
+          [=](Tape& t, const WithTangents& x) { return frequency_encoding(t, x, open, identity); },
+          [=](const auto& x, const auto&) {
+            return on_columns::frequency_encoding(x, weights, identity);
+          },
+          101, kFewSamples);
+  }
+}
+
+// A warp and its Jacobian, as a deformation field has them: x + mlp(x behind a window, a code). The
+// code is a photo's row of a table, the same for a ray's samples and for whichever way x goes: its
+// tangents are 0, and its gradient is of both. Roundings: of features and their tangents 8, of the
+// layers' sums and biases 27 and 8, as many backward, and sums over 20 samples and their rays.
+TEST(Tangents, OfAWarpWithACode) {
+  static const LinearWeights table{0, 5, 4}, a{table.size(), 3 + 3 * 6 + 5, 7, true},
+      b{table.size() + a.size(), 7, 3, true};
+  constexpr double kOpen = 1.5;
+  const std::vector<double> weights{reference::window_weight(kOpen, 0),
+                                    reference::window_weight(kOpen, 1),
+                                    reference::window_weight(kOpen, 2)};
+  std::vector<Real> open(3);
+  window_weights(kOpen, open);
+  for (int needs = 1; needs < 4; ++needs) {  // which of x and the directions need a gradient
+    const TestInput direction{3, Domain::kSamples, (needs & 2) != 0};
+    check_operation(
+        {"tangent_warp",
+         {{3, Domain::kSamples, (needs & 1) != 0},
+          {1, Domain::kRays, false, -1, 3},  // -1: no photo's
+          direction,
+          direction},
+         {table, a, b},
+         [=](Tape& t, const std::vector<Value>& v) {
+           const WithTangents x{v[0], {v[2], v[3]}};
+           const Value code = repeat_for_samples(t, table_rows(t, v[1], table));
+           const Value none = scale_shift(t, code, 0, 0);
+           WithTangents h = frequency_encoding(t, x, open, true);
+           h = concat(t, h, {code, {none, none}});
+           h = linear(t, h, a, LinearActivation::kRelu);
+           const WithTangents y = add(t, x, linear(t, h, b, LinearActivation::kNone));
+           return std::vector<Value>{y.value, y.tangents[0], y.tangents[1]};
+         },
+         110},
+        [=]<class T>(const Given<T>& v) -> Outputs<T> {
+          const Columns<T> code = on_columns::repeat_for_samples(
+              on_columns::table_rows(v[1], v.weights, table), v.rays);
+          const Columns<T> none(code.size(), std::vector<T>(5, T(0)));
+          Outputs<T> out;
+          for (const size_t i : {size_t{2}, size_t{3}}) {
+            const Columns<TDual<T>> x = dual(v[0], v[i]);
+            const std::vector<TDual<T>> w = constants(v.weights);
+            auto h = on_columns::frequency_encoding(x, weights, true);
+            h = on_columns::concat(h, dual(code, none));
+            h = on_columns::linear(on_columns::linear(h, w, a, true), w, b, false);
+            const auto y = on_columns::add(x, h);
+            if (out.empty()) out.push_back(part(y, &TDual<T>::value));
+            out.push_back(part(y, &TDual<T>::derivative));
+          }
+          return out;
+        },
+        kFewSamples);
+  }
 }
 
 // The gradient of density, as a loss on normals sees it: encoding, layers with biases, softplus.

@@ -46,7 +46,11 @@ inline std::vector<Shape> shapes() {
                         {17, 300, 600},
                         {33, 7, 513},
                         {1024, 40, 16},
-                        {1024, 1024, 5}})
+                        {1024, 1024, 5},
+                        // The square ones that models have.
+                        {128, 128, 600},
+                        {256, 256, 33},
+                        {512, 512, 17}})
     all.push_back(s);
   return all;
 }

@@ -45,11 +45,15 @@ void for_each_bf16_unit(const Body& body) {
   }
   struct Restore {
     Bf16Unit before = bf16_unit();
-    ~Restore() { force_bf16_unit(before); }
+    ~Restore() {
+      force_bf16_unit(before);
+      worst::set_target("");
+    }
   } restore;
   for (const Bf16Unit unit : bf16_units()) {
     SCOPED_TRACE(bf16_unit_name(unit));
     force_bf16_unit(unit);
+    worst::set_target(bf16_unit_name(unit));
     body(unit);
   }
 }

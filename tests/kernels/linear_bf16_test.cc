@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "kernels/bf16_layers.h"
@@ -18,13 +19,34 @@
 namespace nerf {
 namespace {
 
-float dot(Bf16Unit unit, const Floats& a, const Floats& b, float sum = 0) {
-  Floats left = a, right = b;
-  if (left.size() % 2) left.push_back(0), right.push_back(0);
-  for (Floats* v : {&left, &right})
-    for (float& x : *v) x = reference::nearest_bf16(x);
-  return unit == Bf16Unit::kAmx ? reference::dot_amx_bf16(left, right, sum)
-                                : reference::dot_avx512_bf16(left, right, sum);
+// An operand of the templates: bf16 numbers, an even count of them.
+Floats rounded(Floats v) {
+  for (float& x : v) x = reference::nearest_bf16(x);
+  if (v.size() % 2) v.push_back(0);
+  return v;
+}
+// All of them at once, since each takes part in many products: of(0) to of(count - 1).
+template <class Of>
+std::vector<Floats> all_rounded(int count, const Of& of) {
+  std::vector<Floats> out;
+  for (int i = 0; i < count; ++i) out.push_back(rounded(of(i)));
+  return out;
+}
+
+float dot(Bf16Unit unit, std::span<const float> a, std::span<const float> b) {
+  return unit == Bf16Unit::kAmx ? reference::dot_amx_bf16(a, b, 0)
+                                : reference::dot_avx512_bf16(a, b, 0);
+}
+
+// products[s][i] of column s of m with each of `operands`.
+std::vector<Floats> products(Bf16Unit unit, const std::vector<Floats>& operands, const Matrix& m) {
+  std::vector<Floats> out;
+  for (int64_t s = 0; s < m.n; ++s) {
+    const Floats column = rounded(column_of(m, s));
+    out.emplace_back();
+    for (const Floats& operand : operands) out.back().push_back(dot(unit, operand, column));
+  }
+  return out;
 }
 
 TEST(Bf16, RoundsToTheNearestNumber) {
@@ -82,6 +104,8 @@ TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
       SCOPED_TRACE(name(shape));
       const Layer layer(shape, random);
       const Matrix x(shape.in, shape.n, random, -1, 1);
+      const std::vector<Floats> product =
+          products(unit, all_rounded(shape.out, [&](int j) { return layer.row(j); }), x);
       for (const bool relu : {false, true})
         for (const bool with_bias : {false, true}) {
           Matrix y(shape.out, shape.n);
@@ -89,14 +113,12 @@ TEST(LinearBf16, ForwardIsTheTemplateOfTheUnit) {
                               with_bias ? layer.bias.data() : nullptr, x.data.data(), y.data.data(),
                               x.ld, shape.n,
                               relu ? LinearActivation::kRelu : LinearActivation::kNone);
-          for (int64_t s = 0; s < shape.n; ++s) {
-            const Floats column = column_of(x, s);
+          for (int64_t s = 0; s < shape.n; ++s)
             for (int j = 0; j < shape.out; ++j) {
-              Real want = dot(unit, layer.row(j), column);
+              Real want = product[static_cast<size_t>(s)][static_cast<size_t>(j)];
               if (with_bias) want += layer.bias[static_cast<size_t>(j)];
               ASSERT_EQ(y.at(j, s), relu ? std::max(want, 0.0_r) : want) << j << ' ' << s;
             }
-          }
           for (int j = 0; j < shape.out; ++j)
             for (int64_t s = shape.n; s < y.padded; ++s) ASSERT_TRUE(std::isfinite(y.at(j, s)));
           y.expect_untouched_beyond_padding();
@@ -114,18 +136,19 @@ TEST(LinearBf16, BackwardInputIsTheTemplateOfTheUnit) {
       const Matrix dy(shape.out, shape.n, random, -1, 1, Matrix::Padding::kZero);
       Matrix relu_output(shape.in, shape.n, random, -1, 1);
       for (Real& v : relu_output.data) v = std::max(v, 0.0_r);
+      const std::vector<Floats> product =
+          products(unit, all_rounded(shape.in, [&](int k) { return layer.column(k); }), dy);
       for (const bool masked : {false, true}) {
         Matrix dx(shape.in, shape.n);
         linear_backward_input_bf16(shape.in, shape.out, layer.packed.data(), dy.data.data(),
                                    dx.data.data(), dx.ld, shape.n,
                                    masked ? relu_output.data.data() : nullptr);
-        for (int64_t s = 0; s < shape.n; ++s) {
-          const Floats column = column_of(dy, s);
+        for (int64_t s = 0; s < shape.n; ++s)
           for (int k = 0; k < shape.in; ++k) {
             const bool open = !masked || relu_output.at(k, s) > 0;
-            ASSERT_EQ(dx.at(k, s), open ? dot(unit, layer.column(k), column) : 0) << k << ' ' << s;
+            const Real want = product[static_cast<size_t>(s)][static_cast<size_t>(k)];
+            ASSERT_EQ(dx.at(k, s), open ? want : 0) << k << ' ' << s;
           }
-        }
         for (int k = 0; k < shape.in; ++k)
           for (int64_t s = shape.n; s < dx.padded; ++s) ASSERT_EQ(dx.at(k, s), 0) << "padding";
         dx.expect_untouched_beyond_padding();
@@ -147,16 +170,22 @@ TEST(LinearBf16, BackwardWeightsIsTheTemplateOfTheUnit) {
       AlignedArray<Real> dw = start.w, dbias = start.bias;
       linear_backward_weights_bf16(shape.in, shape.out, dy.data.data(), x.data.data(), dy.ld,
                                    shape.n, dw.data(), dbias.data());
-      const auto samples = [&](const Matrix& m, int row, size_t from) {
-        const size_t end = std::min(from + part, static_cast<size_t>(m.n));
-        const Real* data = m.data.data() + row * m.ld;
-        return Floats(data + from, data + end);
+      const auto rows = [](const Matrix& m) {
+        return all_rounded(m.rows, [&](int r) {
+          const Real* data = m.data.data() + r * m.ld;
+          return Floats(data, data + m.n);
+        });
+      };
+      const std::vector<Floats> left = rows(dy), right = rows(x);
+      const auto samples = [&](const Floats& row, size_t from) {
+        return std::span(row).subspan(from, std::min(part, row.size() - from));
       };
       for (int j = 0; j < shape.out; ++j) {
         for (int k = 0; k < shape.in; ++k) {
           Real want = start.row(j)[static_cast<size_t>(k)];
           for (size_t s = 0; s < static_cast<size_t>(shape.n); s += part)
-            want += dot(unit, samples(dy, j, s), samples(x, k, s));
+            want += dot(unit, samples(left[static_cast<size_t>(j)], s),
+                        samples(right[static_cast<size_t>(k)], s));
           ASSERT_EQ(dw[static_cast<size_t>(j * weight_stride(shape.in) + k)], want)
               << j << ' ' << k;
         }
@@ -222,6 +251,15 @@ TEST(LinearBf16, NonFiniteNumbersStaySo) {
           EXPECT_EQ(std::isfinite(y.at(j, s)), s != 5) << j << ' ' << s;
     }
   });
+}
+
+// What comes nearest to its tolerance is named with the unit that it ran on.
+TEST(Bf16, UnitsNameTheWorstElement) {
+  for_each_bf16_unit([](Bf16Unit unit) {
+    EXPECT_EQ(bf16_unit(), unit);
+    EXPECT_EQ(worst::target.name, bf16_unit_name(unit));
+  });
+  EXPECT_EQ(worst::target.name, "");
 }
 
 TEST(Bf16, UnitsHaveNames) {

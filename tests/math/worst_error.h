@@ -39,7 +39,8 @@ inline double rounding_bound(double n, double roundoff = kRoundoff) {
 
 namespace worst {
 
-// The SIMD target that what is compared ran on; none outside of for_each_target().
+// The SIMD target, or the bf16 unit, that what is compared ran on; none outside of
+// for_each_target() and for_each_bf16_unit().
 struct Target {
   std::string name;
   int64_t changes = 0;

@@ -19,7 +19,8 @@ struct SampleGroups {
 
 // y_g = sum of share_i x_i over the samples of group g, for each of `rows` rows. Rows of x and y
 // are `ldx` and `ldy` apart and have room for as many columns as the arrays; columns of y beyond
-// `count` up to the next multiple of kLane become 0.
+// `count` up to the next multiple of kLane become 0. What a sum is off by does not grow with the
+// number of samples.
 void mean_of_groups_forward(const SampleGroups& groups, int rows, const Real* x, int64_t ldx,
                             Real* y, int64_t ldy);
 
