@@ -168,14 +168,20 @@ void Tape::plan() {
     at += size(v);
   }
   Arena arena(at);
-  std::vector<bool> placed(values_.size(), false);
+  std::vector<bool> placed(values_.size(), false), read(values_.size(), false);
+  for (const auto& op : operations_)
+    for (const Value v : op->inputs()) read[static_cast<size_t>(v)] = true;
+  // Results of the tape are read by no operation: the caller fills the gradients of all of them
+  // before the first one is used up.
+  for (size_t i = operations_.size(); i-- > 0;) {
+    const size_t v = static_cast<size_t>(operations_[i]->output());
+    if (!values_[v].gradient || read[v]) continue;
+    values_[v].grad = arena.allocate(size(values_[v]));
+    placed[v] = true;
+  }
   for (size_t i = operations_.size(); i-- > 0;) {
     Operation& op = *operations_[i];
     Info& out = values_[static_cast<size_t>(op.output())];
-    if (out.gradient && !placed[static_cast<size_t>(op.output())]) {
-      out.grad = arena.allocate(size(out));  // read by no operation: a result of the tape
-      placed[static_cast<size_t>(op.output())] = true;
-    }
     for (size_t k = 0; k < op.inputs_.size(); ++k) {
       const size_t v = static_cast<size_t>(op.inputs_[k]);
       if (!values_[v].gradient) continue;

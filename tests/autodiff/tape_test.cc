@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <vector>
@@ -153,6 +154,25 @@ TEST(Tape, ChunksAreIndependentAndGradientsAddUp) {
     worst.compare(net.gradient[i], static_cast<double>(ga[i]) + static_cast<double>(gb[i]),
                   rounding_bound(26) * (std::fabs(ga[i]) + 24 * 8), "weight", i);
   worst.report();
+}
+
+// Of two results the caller fills both gradients before the backward pass.
+TEST(Tape, ResultsHaveGradientsOfTheirOwn) {
+  Tape tape(16, 16);
+  const Value x = tape.input(2, Domain::kSamples, true);
+  const Value a = scale_shift(tape, x, 3, 0), b = scale_shift(tape, x, 5, 0);
+  tape.plan();
+  Chunk chunk(tape);
+  const std::vector<int32_t> rays = {0, 16};
+  chunk.samples = 16;
+  chunk.rays = 1;
+  chunk.ray_begin = rays.data();
+  std::fill_n(chunk.data(x), 32, 1.0_r);
+  tape.forward(chunk);
+  std::fill_n(chunk.gradient(a), 32, 0.25_r);
+  std::fill_n(chunk.gradient(b), 32, 2.0_r);
+  tape.backward(chunk);
+  for (int i = 0; i < 32; ++i) EXPECT_EQ(chunk.gradient(x)[i], 3 * 0.25_r + 5 * 2.0_r) << i;
 }
 
 TEST(Tape, ForwardOfTheFirstOperationsOnly) {
