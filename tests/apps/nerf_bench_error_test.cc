@@ -321,7 +321,7 @@ TEST(NerfBenchError, SkipsOfAPapersMethodAreThoseOfItsBakedCache) {
   EXPECT_NE(page.find("The same as every skip off: cache."), std::string::npos);
 }
 
-// That every switch does other work or gives other views, train/grid_switches_test.cc asserts.
+// That every switch does other work or gives other views, train/every_option_test.cc asserts.
 TEST(NerfBenchError, SwitchesOfATinyCapture) {
   TempFolder folder;
   test::write_blender_scene(folder.path() / "capture");

@@ -1,55 +1,23 @@
-// The same pictures on every SIMD target.
+// The same pictures on every SIMD target, of fields of random weights; tests/train has trained
+// ones.
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <memory>
 
-#include "kernels/kernel_test.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/network_field.h"
-#include "nerf/model/radiance_field.h"
-#include "nerf/model/renderer.h"
 #include "support/cameras.h"
 #include "support/network_options.h"
+#include "support/same_pictures.h"
 #include "support/tables.h"
 
 namespace nerf {
 namespace {
 
-// Targets differ in the order of sums and by the last digits of exponentials: 2e-6 of a layer's
-// output. Behind ten layers, and by way of the places that samples are drawn from, a colour may be
-// off by a quarter of what an 8-bit picture can show.
-constexpr double kMost = 0.25 / 255;
-
-void expect_same_pictures(const RadianceField& field, const RenderOptions& options, double most) {
+void expect_same_pictures(const RadianceField& field) {
   Pose pose;
   pose.translation = {0.1, -0.2, -2.5};
-  ThreadPool pool(2);
-  const Camera camera = test::pinhole(24, 20, 18);
-  const Frame usual = render(field, camera, pose, options, pool);
-  double light = 0, contrast = 0;
-  for (size_t i = 0; i < usual.alpha.size(); ++i) light += static_cast<double>(usual.alpha[i]);
-  for (size_t i = 3; i < usual.rgb.size(); ++i)
-    contrast = std::max(contrast, std::fabs(static_cast<double>(usual.rgb[i] - usual.rgb[i - 3])));
-  EXPECT_GT(light, 0.1 * static_cast<double>(usual.alpha.size())) << "there is something to see";
-  EXPECT_GT(contrast, 0.01);
-  for_each_target([&](const std::string&) {
-    const Frame frame = render(field, camera, pose, options, pool);
-    for (size_t i = 0; i < frame.rgb.size(); ++i)
-      ASSERT_NEAR(frame.rgb[i], usual.rgb[i], most) << "value " << i;
-    for (size_t i = 0; i < frame.alpha.size(); ++i)
-      ASSERT_NEAR(frame.alpha[i], usual.alpha[i], most) << "pixel " << i;
-  });
-}
-
-void expect_same_pictures(const RadianceField& field) {
-  RenderOptions usual;
-  usual.precision = Precision::kF32;
-  RenderOptions whole = usual;
-  whole.skip_nothing();
-  expect_same_pictures(field, whole, kMost);
-  // A last digit decides whether a ray ends a sample earlier.
-  expect_same_pictures(field, usual, kMost + static_cast<double>(usual.stop_transmittance));
+  test::expect_same_pictures(field, test::pinhole(24, 20, 18), pose);
 }
 
 ModelInfo some_info() {

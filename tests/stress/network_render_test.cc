@@ -153,7 +153,7 @@ TEST(StressNetworkRender, WeightsOfEveryRayAddUpToAtMostOne) {
 }
 
 // Pictures of other targets agree to a quarter of an 8-bit level
-// (tests/model/simd_targets_test.cc), wherever the camera stands, unless a sample's place, off by a
+// (tests/support/same_pictures.h), wherever the camera stands, unless a sample's place, off by a
 // millionth of its interval, decides what is there. It does where last layers are loud; and where a
 // point's sine has many turns in that millionth, as it has not in an interval's mean.
 TEST(StressNetworkRender, TheSameOnEveryTarget) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "kernels/kernel_test.h"
+#include "math/worst_error.h"
 #include "nerf/model/renderer.h"
 #include "stress/stress_field.h"
 #include "stress/views.h"
@@ -51,6 +52,57 @@ TEST(StressRender, EveryPixelOfEveryView) {
           }
     });
   }
+}
+
+// Colours of 1/2 everywhere, over black: a pixel is half the sum of its ray's weights, far from
+// where pictures are clipped. In double the weights add up to the opacity; each is rounded to Real,
+// and so are their sums by colours, the sum of those at the pixel and the opacity, so that of n
+// samples rounding_bound(n + 2) of it is lost. n is 240 at most, or four for each cell on the way
+// where nothing is cached. The opacity is 1 less a product in double: n 2^-52 more.
+TEST(StressRender, WeightsOfEveryRayAddUpToItsOpacity) {
+  ThreadPool pool(2);
+  WorstError worst("sum_of_weights");
+  int64_t clear = 0, opaque = 0, between = 0;
+  for (bool unbounded : {false, true}) {
+    const int cascades = unbounded ? 4 : 1;
+    std::vector<std::pair<std::string, RadianceField>> fields;
+    const auto add = [&](const std::string& name, Real features, Real gain, int bits) {
+      fields.emplace_back(
+          name, wild_field(unbounded, cascades, features, gain, 7, {}, bits, /*grey=*/true));
+    };
+    add("wild", 1, 2, 32);
+    add("wild half floats", 1, 2, 16);
+    add("huge", 1e6_r, 1e3_r, 32);
+    add("faint", 1e-30_r, 1e-3_r, 32);
+    fields.emplace_back("mist", constant_field({unbounded, cascades, -3, {0, 0, 0}}));
+    fields.emplace_back("wall", constant_field({unbounded, cascades, 1e4_r, {0, 0, 0}}));
+    for_each_target([&](const std::string&) {
+      for (const auto& [name, field] : fields)
+        for (const View& v : views(12))
+          for (int mode = 0; mode < 3; ++mode) {
+            RenderOptions options;
+            if (mode == 1) options.unclipped = true;
+            if (mode == 2) options.skip_nothing();
+            options.background = {0, 0, 0};
+            options.unshaded = 0;
+            const Frame picture = render(field, v.camera, v.pose, options, pool);
+            const double samples = options.unclipped ? 4 * 3 * 33 * cascades : 240;
+            for (size_t i = 0; i < picture.alpha.size(); ++i) {
+              const double alpha = picture.alpha[i];
+              ASSERT_TRUE(alpha >= 0 && alpha <= 1 + 1e-6) << name << ' ' << v.name << ' ' << i;
+              for (size_t k = 0; k < 3; ++k)
+                worst.compare(picture.rgb[3 * i + k], 0.5 * alpha,
+                              0.5 * (rounding_bound(samples + 2) * alpha + samples * 0x1p-52), name,
+                              v.name, "mode", mode, "pixel", i, "channel", k);
+              (alpha == 0 ? clear : alpha > 0.99 ? opaque : between)++;
+            }
+          }
+    });
+  }
+  worst.report();
+  EXPECT_GT(clear, 1000);
+  EXPECT_GT(opaque, 1000);
+  EXPECT_GT(between, 1000);
 }
 
 RenderOptions with(Real RenderOptions::* option, Real value) {

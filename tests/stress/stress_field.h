@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -66,16 +68,21 @@ inline RadianceField constant_field(const ConstantField& c, const Similarity& to
   return RadianceField(std::move(info), constant_grid(c));
 }
 
-// Random weights of the given sizes: densities over many magnitudes, colours of all kinds.
+// Random weights of the given sizes: densities over many magnitudes, colours of all kinds, or all
+// of them the same grey.
 inline RadianceField wild_field(bool unbounded, int cascades, Real features, Real gain,
                                 uint64_t seed, const Similarity& to_engine = {},
-                                int table_bits = 32) {
+                                int table_bits = 32, bool grey = false) {
   GridOptions options = small_options();
   options.table_bits = table_bits;
   auto grid = std::make_shared<GridField>(options, unbounded, cascades);
   grid->initialise(seed);
   test::scale_table(*grid, features / 1e-4_r);
   for (Real& v : grid->weights) v *= gain;
+  const LinearWeights& colour = grid->colour_layers.back();
+  if (grey)
+    std::fill_n(grid->weights.begin() + static_cast<std::ptrdiff_t>(colour.offset), colour.size(),
+                0.0_r);
   std::vector<uint8_t> levels(grid->occupancy.levels().size());
   for (size_t i = 0; i < levels.size(); ++i) {
     const uint64_t h = mix64(seed + i);

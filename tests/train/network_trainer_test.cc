@@ -181,55 +181,6 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
                      "--network-space identity"));
 }
 
-// By what is learnt: a checkpoint names the options themselves.
-TEST_P(NetworkTraining, OptionsAreTakenSeriously) {
-  const auto c = sphere_capture();
-  TrainOptions options = tiny_method_options(GetParam(), 10);
-  const auto learnt = [&](const TrainOptions& o) {
-    ThreadPool pool(1);
-    Trainer trainer(c.scene, c.photos, o, pool);
-    for (int i = 0; i < 3; ++i) trainer.step();
-    const RadianceField field = trainer.snapshot();
-    const auto weights = field.network().weights.span();
-    return std::vector<Real>(weights.begin(), weights.end());
-  };
-  const auto usual = learnt(options);
-  const auto differs = [&](auto change) {
-    TrainOptions other = options;
-    change(other);
-    return learnt(other) != usual;
-  };
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.seed = 2; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.background = Background::kBlack; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.crop = 0.25; }));
-  // While the crop lasts, all rays are of one photo anyway.
-  options.recipe.crop_steps = 0;
-  const auto uncropped = learnt(options);
-  options.recipe.one_photo = !options.recipe.one_photo;
-  EXPECT_NE(learnt(options), uncropped);
-  options = tiny_method_options(GetParam(), 10);
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.density_noise = 1; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.distortion += 0.5_r; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.interlevel += 0.5_r; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.clip = 1e-5; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.near = 0.7; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.far = 4.5; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.beta2 = 0.9; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.epsilon = 1e-3; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.warmup_rate = 0.5; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.charbonnier += 0.1_r; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.coarse += 0.5_r; }) ||
-              !options.network.proposal_colour);
-  // Only proposals are annealed.
-  EXPECT_EQ(differs([](TrainOptions& o) { o.recipe.anneal = !o.recipe.anneal; }),
-            options.network.sampling.resampling == Resampling::kProposal);
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.recipe.anneal_steps = 2; }) ||
-              !options.recipe.anneal);
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.network.image_code = 2; }));
-  EXPECT_TRUE(differs([](TrainOptions& o) { o.network.sampling.spacing = Spacing::kInverse; }) ||
-              options.network.sampling.spacing == Spacing::kInverse);
-}
-
 // Photos of three exposures from the same places, so that the view direction cannot tell them
 // apart: with a code each is learnt as it is. New views have none, and a model file holds none.
 TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {

@@ -1,0 +1,320 @@
+// Every option changes the work of a training, as its counters tell, or the pictures of what it
+// learnt; an option that did neither would be a lie. They are those of TrainOptions' visitor: a new
+// one fails here until it has a line in the table below.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "nerf/model/radiance_field.h"
+#include "nerf/model/renderer.h"
+#include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+struct Setting {
+  test::SyntheticCapture capture;
+  TrainOptions options;
+};
+
+struct Line {
+  std::string option;
+  std::vector<std::string> others;         // the first that is not the method's own value is taken
+  void (*given)(Setting&) = [](auto&) {};  // without which there is nothing to change
+};
+
+// One camera sees a part of the region only.
+void one_camera(Setting& s) { s.capture.scene.train.resize(1); }
+// Nothing is opaque behind photos with alpha, whatever NetworkOptions::opaque_end says.
+void opaque_photos(Setting& s) {
+  s.capture.scene.alpha = false;
+  for (Photo& p : s.capture.photos.photos)
+    for (size_t i = 3; i < p.pixels8.size(); i += 4) p.pixels8[i] = 255;
+}
+void without_crop(Setting& s) { s.options.recipe.crop_steps = 0; }
+void warmed_up(Setting& s) { s.options.recipe.warmup_rate = 0.1; }
+void annealed(Setting& s) { s.options.recipe.anneal = true; }
+// Cones have intervals, which coarse+fine resampling does not.
+void intervals(Setting& s) {
+  IntervalOptions& sampling = s.options.network.sampling;
+  if (!sampling.intervals()) sampling.resampling = Resampling::kBlurred;
+}
+// The levels before the last have a network of their own, or learn colours.
+void own_network(Setting& s) { s.options.network.shared = false; }
+void coloured_proposals(Setting& s) {
+  s.options.network.proposal_colour = true;
+  s.options.recipe.coarse = std::max(s.options.recipe.coarse, 0.1_r);
+}
+// What trains them without colours.
+void bounded_proposals(Setting& s) {
+  own_network(s);
+  s.options.network.sampling.resampling = Resampling::kProposal;
+  s.options.recipe.coarse = s.options.recipe.interlevel = 1;
+}
+// So dense that little light reaches most samples of a ReLU, and most of a softplus stop little.
+void dense(Setting& s) { s.options.network.density_bias = 2; }
+void dense_and_skipping(Setting& s) {
+  dense(s);
+  s.options.recipe.negligible = 0.25_r;
+}
+
+const std::vector<Line>& table() {
+  static const std::vector<Line> lines = {
+      {"seed", {"2"}},
+      {"steps", {"160"}},
+      {"plan_changes", {"10:60"}},
+      {"background", {"black"}},
+      {"batch_samples", {"2880"}},
+      {"rate", {"0.02"}},
+      {"precision", {"bf16"}},
+      {"network_rate", {"0.5"}},
+      {"final_rate", {"0.5"}},
+      {"warmup_steps", {"16"}, warmed_up},
+      {"hold", {"0.5"}},
+      {"beta1", {"0.9"}},
+      {"final_beta1", {"0.8"}},
+      {"beta2", {"0.99"}},
+      {"final_beta2", {"0.95"}},
+      {"huber_delta", {"0.05"}},
+      {"distortion", {"0.01"}},
+      {"network_l2", {"0.001"}},
+      {"early_samples", {"1"}},
+      {"late_levels", {"0.5"}},
+      {"coarse_photos", {"0.5"}},
+      {"error_guidance", {"0"}},
+      {"shared_colour", {"0"}},
+      {"stop_transmittance", {"0.1"}},
+      {"gradient_roulette", {"0"}},
+      {"every_row", {"true"}},
+      {"occupancy_threshold", {"0.2"}},
+      {"keep_unseen", {"true"}, one_camera},
+      {"keep_transparent", {"true"}},
+      {"grid.levels", {"3"}},
+      {"grid.log2_entries", {"11"}},
+      {"grid.features", {"2"}},
+      {"grid.base_resolution", {"16", "8"}},
+      {"grid.finest_resolution", {"0", "64"}},
+      {"grid.hidden", {"32"}},
+      {"grid.density_layers", {"2"}},
+      {"grid.colour_layers", {"2", "1"}},
+      {"grid.geometry_features", {"8"}},
+      {"grid.occupancy_side", {"32"}},
+      {"grid.table_bits", {"32"}},
+      {"grid.antialias", {"true"}},
+      {"grid.cone_points", {"6"}},
+      {"grid.colour_per_ray", {"true"}},
+      {"grid.max_samples", {"8"}},
+      {"grid.min_samples", {"8"}},
+      {"grid.samples_per_cell", {"1"}},
+      {"grid.uniform_share", {"0.1"}},
+      {"grid.min_transmittance", {"0.5"}},
+      {"network.cast", {"cone", "point"}, intervals},
+      {"network.space", {"contract", "identity"}},
+      {"network.encoding", {"integrated", "frequency"}},
+      {"network.position_degrees", {"3"}},
+      {"network.direction_degrees", {"2"}},
+      {"network.view_dependence", {"false"}},
+      {"network.sampling.resampling", {"blurred", "proposal"}, coloured_proposals},
+      {"network.sampling.spacing", {"inverse", "uniform"}},
+      {"network.sampling.coarse", {"12"}},
+      {"network.sampling.fine", {"12"}},
+      {"network.sampling.rounds", {"2", "1"}},
+      {"network.sampling.padding", {"0.1"}},
+      {"network.shared", {"true", "false"}, coloured_proposals},
+      {"network.depth", {"2"}},
+      {"network.width", {"16"}},
+      {"network.skip", {"1"}},
+      {"network.bottleneck", {"16"}},
+      {"network.view_width", {"8"}},
+      {"network.image_code", {"2"}},
+      {"network.proposal_depth", {"2"}, own_network},
+      {"network.proposal_width", {"16"}, own_network},
+      {"network.proposal_colour", {"false", "true"}, bounded_proposals},
+      {"network.density", {"softplus", "relu"}},
+      {"network.density_bias", {"0.5"}},
+      {"network.colour_padding", {"0.1"}},
+      {"network.opaque_end", {"true", "false"}, opaque_photos},
+      {"network.initialisation", {"he", "glorot"}},
+      {"recipe.rays", {"48"}},
+      {"recipe.one_photo", {"true", "false"}, without_crop},  // a crop is of one photo anyway
+      {"recipe.crop_steps", {"1"}},
+      {"recipe.crop", {"0.25"}},
+      {"recipe.coarse", {"0.5"}, coloured_proposals},
+      {"recipe.interlevel", {"1000"}, coloured_proposals},
+      {"recipe.distortion", {"0.5"}},
+      {"recipe.charbonnier", {"0.1"}},
+      {"recipe.density_noise", {"1"}},
+      {"recipe.beta2", {"0.9"}},
+      {"recipe.epsilon", {"0.001"}},
+      {"recipe.clip", {"0.00001"}},
+      {"recipe.warmup_rate", {"0.5"}},
+      {"recipe.near", {"0.7"}},
+      {"recipe.far", {"4.5"}},
+      {"recipe.skip", {"false"}, dense_and_skipping},
+      {"recipe.negligible", {"0.25"}, dense},
+      {"recipe.anneal", {"true", "false"}},
+      {"recipe.anneal_steps", {"2"}, annealed},
+  };
+  return lines;
+}
+
+// Options that have no line.
+struct Exempt {
+  const char *option, *why;
+};
+constexpr Exempt kExempt[] = {
+    {"method", "every method runs all of these tests"},
+};
+
+// Options of a method that change nothing with it.
+struct Idle {
+  const char *method, *option, *why;
+};
+constexpr Idle kIdle[] = {
+    {"nerf", "network.sampling.padding", "coarse+fine samples come from weights as they are"},
+    {"nerf", "recipe.anneal", "only proposals are annealed"},
+    {"nerf", "recipe.anneal_steps", "only proposals are annealed"},
+    {"mipnerf", "recipe.anneal", "only proposals are annealed"},
+    {"mipnerf", "recipe.anneal_steps", "only proposals are annealed"},
+};
+
+// Whether an option is one of the method's: by its group, and where it has none by its help, which
+// names the grid method where no other takes it.
+bool concerns(const OptionField& field, const std::string& method) {
+  const bool grid = method == kGridMethod;
+  if (field.name.starts_with("grid.")) return grid;
+  if (field.name.starts_with("network.") || field.name.starts_with("recipe.")) return !grid;
+  return grid || field.help.find("(grid") == std::string::npos;
+}
+
+// What must not be the same: the counters of work, or a picture from where no photo was taken.
+struct Outcome {
+  std::array<int64_t, 5> work{};
+  std::vector<Real> picture;
+  bool operator==(const Outcome&) const = default;
+  double most_beside(const Outcome& other) const {
+    double most = 0;
+    for (size_t i = 0; i < picture.size(); ++i)
+      most = std::max(most, std::fabs(double{picture[i]} - double{other.picture[i]}));
+    return most;
+  }
+};
+// What another order of the same sums may change (2e-6 of a layer's output, five layers) is no
+// effect of an option. The least of one is 4e-5: the weight of a loss that is a network's only one,
+// which Adam takes out again but for its epsilon.
+constexpr double kRoundings = 1e-5;
+
+class EveryOption : public ::testing::TestWithParam<std::string> {
+ protected:
+  static constexpr int64_t kPlanned = 40;
+  static bool grid() { return GetParam() == kGridMethod; }
+
+  static Setting usual() {
+    static const test::SyntheticCapture capture = test::sphere_capture(8, 32);
+    Setting s{capture, grid() ? test::tiny_options(kPlanned)
+                              : test::tiny_method_options(GetParam(), kPlanned)};
+    s.options.batch_samples = 1920;
+    s.options.precision = Precision::kF32;
+    return s;
+  }
+
+  // Steps after which it shows; a few where nothing may.
+  static int64_t steps(bool expected) { return !expected ? 3 : grid() ? kPlanned : 8; }
+
+  static Outcome outcome_of(const Setting& s, int64_t steps, int threads = 2) {
+    ThreadPool pool(threads);
+    Trainer trainer(s.capture.scene, s.capture.photos, s.options, pool);
+    Outcome out;
+    for (int64_t i = 0; i < steps; ++i) {
+      const StepReport r = trainer.step();
+      const int64_t work[] = {r.rays, r.samples, r.colours, r.learning, r.rows};
+      for (size_t k = 0; k < out.work.size(); ++k) out.work[k] += work[k];
+    }
+    const RadianceField field = trainer.snapshot();
+    RenderOptions options;
+    options.background = field.info().background;
+    options.precision = Precision::kF32;
+    const size_t view = static_cast<size_t>(s.capture.scene.test.front());
+    out.picture =
+        render(field, test::sphere_camera(12), s.capture.scene.views[view].pose, options, pool).rgb;
+    return out;
+  }
+};
+
+TEST_P(EveryOption, ChangesWorkOrPicturesWithTheMethodsItIsFor) {
+  std::map<std::pair<void (*)(Setting&), int64_t>, Outcome> usuals;  // of what is given
+  TrainOptions all;
+  int changing = 0;
+  for (const OptionField& option : option_fields(all)) {
+    const auto has_name = [&](const auto& x) { return x.option == option.name; };
+    if (std::ranges::any_of(kExempt, has_name)) continue;
+    const auto line = std::ranges::find_if(table(), has_name);
+    if (line == table().end()) {
+      ADD_FAILURE() << option.name << " has no line in the table";
+      continue;
+    }
+    if (option.name == "precision" && bf16_unit() == Bf16Unit::kNone) continue;  // has no other
+    SCOPED_TRACE(option.name);
+    const auto idle = std::ranges::find_if(
+        kIdle, [&](const Idle& i) { return i.method == GetParam() && i.option == option.name; });
+    const bool expected = concerns(option, GetParam()) && idle == std::end(kIdle);
+    Setting setting = usual();
+    line->given(setting);
+    Outcome& before = usuals[{line->given, steps(expected)}];
+    if (before.picture.empty()) before = outcome_of(setting, steps(expected));
+    const std::vector<OptionField> fields = option_fields(setting.options);
+    const OptionField& field = *std::ranges::find(fields, option.name, &OptionField::name);
+    const std::string own = option_text(field);
+    for (const std::string& other : line->others)
+      if (option_text(field) == own) set_option_text(field, other, "the table");
+    EXPECT_NE(option_text(field), own) << "the table has no other value";
+    const Outcome after = outcome_of(setting, steps(expected));
+    const std::string what = own + " or " + option_text(field);
+    if (expected) {
+      EXPECT_TRUE(after.work != before.work || after.most_beside(before) > kRoundings) << what;
+    } else {
+      EXPECT_TRUE(after == before)
+          << what << (idle == std::end(kIdle) ? "" : std::string(": ") + idle->why);
+    }
+    changing += expected;
+  }
+  EXPECT_GT(changing, 40);
+}
+
+// Neither by doing the same again, nor by sharing it among other threads.
+TEST_P(EveryOption, NothingElseChangesThem) {
+  const Outcome one = outcome_of(usual(), steps(true), 1);
+  EXPECT_EQ(outcome_of(usual(), steps(true), 1), one);
+  EXPECT_EQ(outcome_of(usual(), steps(true), 3), one);
+  const auto [least, most] = std::ranges::minmax(one.picture);
+  EXPECT_GT(most - least, 0.02_r) << "there is something to see";
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, EveryOption,
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"),
+                         [](const auto& info) { return info.param; });
+
+TEST(EveryOption, TheTableHasNoOther) {
+  TrainOptions all;
+  const std::vector<OptionField> fields = option_fields(all);
+  const auto exists = [&](const std::string& name) {
+    return std::ranges::count(fields, name, &OptionField::name) == 1;
+  };
+  for (const Line& line : table()) {
+    EXPECT_TRUE(exists(line.option)) << line.option;
+    EXPECT_EQ(std::ranges::count(table(), line.option, &Line::option), 1) << line.option;
+  }
+  for (const Exempt& e : kExempt) EXPECT_TRUE(exists(e.option)) << e.option;
+  for (const Idle& i : kIdle) EXPECT_TRUE(exists(i.option)) << i.option;
+}
+
+}  // namespace
+}  // namespace nerf
