@@ -100,7 +100,9 @@ struct TrainOptions {
       above(0), at_most(10));
     v("final_rate", final_rate, "step size of the last step, as a share of the first", above(0),
       at_most(1));
-    v("warmup_steps", warmup_steps, "steps over which the step size rises", at_least(0));
+    v("warmup_steps", warmup_steps,
+      "steps over which the step size rises, with a paper method from --recipe-warmup-rate of it",
+      at_least(0));
     v("hold", hold,
       "share of the steps before the step size begins to fall; a budget of minutes fixes the "
       "number "
