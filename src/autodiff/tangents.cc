@@ -111,10 +111,50 @@ class EncodingTangent : public Operation {
   bool identity_;
 };
 
+// A tangent's rows from `first` on, zeros above and below them.
+class BetweenZeros : public Operation {
+ public:
+  BetweenZeros(Value tangent, Value y, int first) : Operation({tangent}, y), first_(first) {}
+  const char* name() const override { return "between_zeros"; }
+
+  void forward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
+    const Real* x = c.data(inputs()[0]);
+    Real* y = c.data(output());
+    const int rows = c.tape->rows(inputs()[0]);
+    for (int r = 0; r < c.tape->rows(output()); ++r) {
+      if (r >= first_ && r < first_ + rows)
+        std::copy_n(x + (r - first_) * ld, n, y + r * ld);
+      else
+        std::fill_n(y + r * ld, n, 0.0_r);
+    }
+  }
+  void backward(Chunk& c) const override {
+    const int64_t ld = c.stride(output()), n = round_up(c.count(output()), kLane);
+    for (int r = 0; r < c.tape->rows(inputs()[0]); ++r) {
+      const Real* dy = c.gradient(output()) + (first_ + r) * ld;
+      Real* dx = c.gradient(inputs()[0]) + r * ld;
+      if (overwrites(0))
+        std::copy_n(dy, n, dx);
+      else
+        add_to(n, dy, dx);
+    }
+  }
+
+ private:
+  int first_;
+};
+
 Value gate(Tape& tape, Value tangent, Value relu_output) {
   const Value y = tape.output(tape.rows(tangent), tape.domain(tangent), {&tangent, 1});
   tape.keep_rows(relu_output);
   tape.record(std::make_unique<Gate>(tangent, relu_output, y));
+  return y;
+}
+
+Value between_zeros(Tape& tape, Value tangent, int first, int rows) {
+  const Value y = tape.output(rows, tape.domain(tangent), {&tangent, 1});
+  tape.record(std::make_unique<BetweenZeros>(tangent, y, first));
   return y;
 }
 
@@ -158,6 +198,19 @@ WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> laye
 
 WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b) {
   return of_both(a, b, [&](Value x, Value y) { return concat(tape, x, y); });
+}
+
+WithTangents concat(Tape& tape, const WithTangents& a, Value constant) {
+  NERF_CHECK(tape.domain(a.value) == tape.domain(constant));
+  const Value y = concat(tape, a.value, constant);
+  return {y, of_each(a, [&](Value t) { return between_zeros(tape, t, 0, tape.rows(y)); })};
+}
+
+WithTangents concat(Tape& tape, Value constant, const WithTangents& b) {
+  NERF_CHECK(tape.domain(constant) == tape.domain(b.value));
+  const Value y = concat(tape, constant, b.value);
+  const int first = tape.rows(constant);
+  return {y, of_each(b, [&](Value t) { return between_zeros(tape, t, first, tape.rows(y)); })};
 }
 
 WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows) {
@@ -207,14 +260,26 @@ WithTangents scale_shift(Tape& tape, const WithTangents& x, Real factor, Real sh
 
 WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const Real> weights,
                                 bool identity) {
+  return frequency_encoding(
+      tape, x, std::make_shared<const std::vector<Real>>(weights.begin(), weights.end()), identity);
+}
+
+// The features have the weights in them already.
+WithTangents frequency_encoding(Tape& tape, const WithTangents& x, const FrequencyWeights& weights,
+                                bool identity) {
   const Value y = frequency_encoding(tape, x.value, weights, identity);
-  const int frequencies = static_cast<int>(weights.size());
+  const int frequencies = static_cast<int>(weights->size());
   return {y, of_each(x, [&](Value t) {
             const Value from[] = {y, t};
             const Value out = tape.output(tape.rows(y), tape.domain(y), from);
             tape.record(std::make_unique<EncodingTangent>(y, t, out, frequencies, identity));
             return out;
           })};
+}
+
+WithTangents repeat_for_samples(Tape& tape, const WithTangents& x) {
+  return {repeat_for_samples(tape, x.value),
+          of_each(x, [&](Value t) { return repeat_for_samples(tape, t); })};
 }
 
 }  // namespace nerf

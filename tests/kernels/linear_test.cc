@@ -220,6 +220,45 @@ TEST(Linear, BackwardWeights) {
   worst.report();
 }
 
+// The sums of the samples alone, as the weights' gradient takes them: the same bits. Numbers behind
+// the last row keep what they are.
+TEST(Linear, BackwardBias) {
+  WorstError worst("backward_bias");
+  for_each_target([&](const std::string&) {
+    Random random(20, 0, 0);
+    for (int out : {1, 3, 5, 16, 31, 64, 130})
+      for (int64_t n : {0, 1, 15, 16, 17, 31, 33, 240, 600}) {
+        const Matrix dy(out, n, random, -1, 1, Matrix::Padding::kZero), x(1, n, random, -1, 1);
+        Matrix dbias(1, out + 1), beside(1, out + 1);
+        AlignedArray<Real> dw(static_cast<size_t>(out * weight_stride(1)));
+        Vector want;
+        for (int64_t j = 0; j < out; ++j) {
+          want.push_back(dbias.at(0, j) = uniform(random, -1, 1));
+          beside.at(0, j) = dbias.at(0, j);
+        }
+        Vector size = absolute(want);
+        linear_backward_bias(out, dy.data.data(), dy.ld, n, dbias.data.data());
+        linear_backward_weights(1, out, dy.data.data(), x.data.data(), dy.ld, n, dw.data(),
+                                beside.data.data());
+        Vector none, dx;
+        for (int64_t s = 0; s < n; ++s) {
+          const Vector g = dy.column(s);
+          reference::linear_backward<double>({}, {}, g, g, false, dx, none, want);
+          reference::linear_backward<double>({}, {}, g, absolute(g), false, dx, none, size);
+        }
+        for (int64_t j = 0; j < out; ++j) {
+          const size_t at = static_cast<size_t>(j);
+          worst.compare(dbias.at(0, j), want[at],
+                        rounding_bound(static_cast<double>(n + 1)) * size[at], "out", out, "n", n,
+                        "row", j);
+          ASSERT_EQ(dbias.at(0, j), beside.at(0, j)) << "out " << out << " n " << n << " row " << j;
+        }
+        for (int64_t j = out; j < dbias.ld; ++j) ASSERT_EQ(dbias.at(0, j), Matrix::kCanary) << j;
+      }
+  });
+  worst.report();
+}
+
 TEST(Linear, ReluBackwardClosesExactlyWhereTheOutputIsZero) {
   for_each_target([&](const std::string&) {
     Random random(19, 0, 0);

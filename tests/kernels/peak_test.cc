@@ -19,6 +19,27 @@ TEST(Peak, CountsTheMultiplyAdds) {
   });
 }
 
+TEST(Peak, CountsThePairsOfBf16) {
+  for_each_bf16_unit([](Bf16Unit unit) {
+    Real none = 0, sink = 0;
+    EXPECT_EQ(bf16_loop(0, &none), 0);
+    const int64_t once = bf16_loop(1, &sink);
+    EXPECT_GT(once, 0);
+    EXPECT_EQ(bf16_loop(1024, &sink), 1024 * once);
+    // On AVX-512 every product of the FLOPs counted, 1 times 2^-11, is in the sum, which is exact;
+    // on AMX it is of zeros.
+    const double grown = static_cast<double>(sink) - static_cast<double>(none);
+    const double products = 1024 * static_cast<double>(once / 2);
+    EXPECT_EQ(grown, unit == Bf16Unit::kAvx512 ? products * 0x1p-11 : 0);
+  });
+  // Without a unit there is nothing to measure.
+  const Bf16Unit before = bf16_unit();
+  force_bf16_unit(Bf16Unit::kNone);
+  Real sink = 0;
+  EXPECT_THROW(bf16_loop(1, &sink), Error);
+  force_bf16_unit(before);
+}
+
 TEST(Peak, ReadsEveryValueOnce) {
   for_each_target([](const std::string&) {
     AlignedArray<Real> x(3 * kReadUnit);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <memory>
 #include <vector>
@@ -189,6 +190,54 @@ TEST(StressAdam, WithoutGradientNothingMovesAtAnyRate) {
             for (Real w : s.w) ASSERT_EQ(w, weight) << "rate " << rate << " step " << step;
           }
         }
+  });
+}
+
+// Of no rows and of one, with gradients of any size around: the one makes the step that it makes
+// among all, and the others keep every bit, numbers or not.
+TEST(StressAdam, NoRowsAndOneRow) {
+  constexpr size_t kRows = 16;
+  const AdamStep options{.rate = 0.5_r};
+  std::vector<Real> correction(2 * kBiasCorrections);
+  bias_corrections(options, correction.data());
+  for_each_target([&](const std::string&) {
+    for (int features : {2, 4}) {
+      const size_t f = static_cast<size_t>(features), n = kRows * f;
+      State start(n, -0.7_r);
+      for (size_t i = 0; i < n; ++i) {
+        start.gradient[i] = kGradients[i % std::size(kGradients)];
+        start.m[i] = i % 5 ? 0.01_r : Real{NAN};
+        start.v[i] = 0.25_r;
+      }
+      const auto step = [&](size_t first, size_t last) {
+        State s = start;
+        std::vector<Real> steps(kRows, 3);
+        RowStates states(kRows, features);
+        states.set(s.gradient, s.m, s.v, steps);
+        for (size_t row = first; row < last; ++row) states.marks[row] = 1;
+        states.take_marked();
+        EXPECT_EQ(states.count(), static_cast<int64_t>(last - first));
+        adam_rows(options, features, states.list(), states.count(), states.gradient.data(),
+                  states.data(), s.w.data(), correction.data());
+        states.take(s.gradient, s.m, s.v, steps);
+        for (size_t row = 0; row < kRows; ++row)
+          EXPECT_EQ(steps[row], row >= first && row < last ? 4 : 3) << row;
+        return s;
+      };
+      const State all = step(0, kRows);
+      for (const size_t row : {size_t{0}, size_t{5}, kRows - 1})
+        for (const bool one : {false, true}) {
+          const State got = step(row, row + one);
+          const auto compare = [&](AlignedArray<Real> State::* part) {
+            for (size_t i = 0; i < n; ++i) {
+              const State& want = one && i / f == row ? all : start;
+              ASSERT_EQ(std::memcmp(&(got.*part)[i], &(want.*part)[i], sizeof(Real)), 0)
+                  << "row " << i / f << " beside " << row << ": " << (got.*part)[i];
+            }
+          };
+          for (const auto part : {&State::gradient, &State::m, &State::v, &State::w}) compare(part);
+        }
+    }
   });
 }
 

@@ -4,12 +4,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "kernels/kernel_test.h"
 #include "math/worst_error.h"
+#include "nerf/kernels/bf16.h"
+#include "nerf/kernels/linear_bf16.h"
 #include "nerf/kernels/roulette.h"
 #include "nerf/kernels/sample_groups.h"
 #include "stress/magnitudes.h"
@@ -18,7 +21,7 @@ namespace nerf::stress {
 namespace {
 
 constexpr int kRows = 5;
-constexpr int64_t kSamples[] = {1, 17, 240};
+constexpr int64_t kSamples[] = {0, 1, 17, 240};
 // Powers of ten of what is averaged and of its gradient, and of the samples' shares.
 struct Sizes {
   double x_low, x_high, dy_low, dy_high, share_low;
@@ -235,6 +238,52 @@ TEST(StressRoulette, KeptColumnsKeepEveryBit) {
                 std::memcmp(&x.data[j], &before.data[static_cast<size_t>(kept[j])], sizeof(Real)),
                 0)
                 << "column " << kept[j] << ": " << x.data[j];
+        });
+  }
+}
+
+// The pairs of the columns that are kept, whatever they hold: as if these had been rounded after
+// they were moved.
+TEST(StressRoulette, KeptPairsAreTheKeptColumns) {
+  std::vector<Real> values = all_magnitudes(0x1ffff1, true);
+  constexpr double kMostOfFloat = std::numeric_limits<float>::max();
+  std::erase_if(values, [](Real v) { return std::isfinite(v) && std::fabs(v) > kMostOfFloat; });
+  values.push_back(Real{NAN});
+  values.push_back(-0.0_r);
+  const int64_t n = static_cast<int64_t>(values.size());
+  const auto pair = [](Real v) {
+    const float x = static_cast<float>(v);
+    uint16_t bits = 0;
+    round_to_bf16(1, &x, &bits);
+    return bits;
+  };
+  Matrix before(kRows, n);
+  AlignedArray<uint16_t> pairs_before(static_cast<size_t>(pairs_size(kRows, n)));
+  for (int k = 0; k < kRows; ++k)
+    for (int64_t i = 0; i < n; ++i) {
+      before.at(k, i) = values[static_cast<size_t>(i + 17 * k) % values.size()];
+      pairs_before[static_cast<size_t>(pair_index(kRows, k, i))] = pair(before.at(k, i));
+    }
+  for (const int64_t each :
+       {int64_t{1}, int64_t{2}, int64_t{15}, int64_t{16}, int64_t{40}, n + 1}) {
+    std::vector<int32_t> kept;
+    for (int64_t i = each - 1; i < n; i += each) kept.push_back(static_cast<int32_t>(i));
+    const int64_t count = static_cast<int64_t>(kept.size());
+    Matrix x = before;
+    AlignedArray<uint16_t> pairs = pairs_before;
+    for_each_mode(
+        [&] {
+          std::memcpy(x.data.data(), before.data.data(), before.data.size() * sizeof(Real));
+          std::copy(pairs_before.begin(), pairs_before.end(), pairs.begin());
+          keep_columns(kRows, kept.data(), count, x.data.data(), x.ld);
+          keep_pairs(kRows, kept.data(), count, pairs.data());
+        },
+        [&] {
+          for (int k = 0; k < kRows; ++k)
+            for (int64_t j = 0; j < count; ++j)
+              ASSERT_EQ(pairs[static_cast<size_t>(pair_index(kRows, k, j))], pair(x.at(k, j)))
+                  << "row " << k << " column " << kept[static_cast<size_t>(j)] << ": "
+                  << x.at(k, j);
         });
   }
 }

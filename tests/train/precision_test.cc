@@ -50,8 +50,8 @@ class InBothPrecisions : public ::testing::TestWithParam<std::string> {
 // Hundreds of steps: rounding does not add up. What two trainings make of the roundings depends on
 // the method as on the seed: of twelve seeds the two precisions end 0.10 (grid), 0.36 (nerf), 0.15
 // (mipnerf) and 0.10 dB (mipnerf360) apart, one standard deviation, and the f32 trainings 0.4 dB
-// and more from their mean. Of one model the pictures in both precisions differ by roundings of 2^-9
-// through a few layers.
+// and more from their mean. Of one model the pictures in both precisions differ by roundings of
+// 2^-9 through a few layers.
 TEST_P(InBothPrecisions, TrainingsEndAlike) {
   const auto c = test::sphere_capture(24, 32);
   const bool both = other() == Precision::kBf16;

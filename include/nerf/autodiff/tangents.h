@@ -22,6 +22,11 @@ WithTangents linear(Tape& tape, const WithTangents& x, const LinearWeights& w,
                     LinearActivation activation);
 WithTangents mlp(Tape& tape, WithTangents x, std::span<const LinearWeights> layers);
 WithTangents concat(Tape& tape, const WithTangents& a, const WithTangents& b);
+// The same beside what is the same in every direction, such as a code or a view: [rows of a + rows
+// of b x n], whose tangents are 0 in the rows of the constant, whatever stands there. The constant
+// may need a gradient, which it gets through the value.
+WithTangents concat(Tape& tape, const WithTangents& a, Value constant);
+WithTangents concat(Tape& tape, Value constant, const WithTangents& b);
 WithTangents slice(Tape& tape, const WithTangents& x, int first, int rows);
 // The value's times x's: exact up to 30, where the value stays, and of that size beyond, so that an
 // extreme density does not go dead. Gradients through the value have the slope of |x| <= 15.
@@ -34,5 +39,11 @@ WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b);
 WithTangents scale_shift(Tape& tape, const WithTangents& x, Real factor, Real shift);
 WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const Real> weights,
                                 bool identity);
+// The same with weights that may change between passes, as operations.h has it. Tangents are those
+// of the weights that the forward pass found.
+WithTangents frequency_encoding(Tape& tape, const WithTangents& x, const FrequencyWeights& weights,
+                                bool identity);
+// [d x rays] -> [d x samples], tangents too: a ray's column for each of its samples.
+WithTangents repeat_for_samples(Tape& tape, const WithTangents& x);
 
 }  // namespace nerf

@@ -13,7 +13,8 @@ namespace nerf {
 //   sine[i] = a_i sin(frequency x_i),  cosine[i] = a_i cos(frequency x_i).
 // variance may be null (0 everywhere) and is at least 0. frequency is a power of two, so that the
 // argument is exact; both results are then within 2 units in the last place of `a` at any finite
-// argument. n is rounded up to kLane (linear.h); pointers are aligned to 64 bytes.
+// argument. Vectors with an argument beyond 2^20 in them take a slower way, which may differ in the
+// last place. n is rounded up to kLane (linear.h); pointers are aligned to 64 bytes.
 void sine_cosine_forward(int64_t n, const Real* x, const Real* variance, Real frequency,
                          Real weight, Real* sine, Real* cosine);
 

@@ -9,7 +9,7 @@
 namespace nerf {
 
 // `rounds` multiply-adds of each of several independent chains of vectors, all in registers.
-// Returns the FLOPs done (two per multiply-add and lane); `sink` gets a value that depends on all.
+// Returns the FLOPs done (two per multiply-add and lane); `sink` gets a value that needs them.
 int64_t fma_loop(int64_t rounds, Real* sink);
 
 // The same with the products of bf16_unit() (bf16.h), which must not be kNone; two FLOPs for each
