@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <map>
-#include <regex>
 #include <set>
 
 #include "blender_scene.h"
@@ -22,6 +21,26 @@ using testing_apps::lines_of;
 using testing_apps::ProgramResult;
 using testing_apps::run_program;
 using testing_apps::TempFolder;
+
+// Each number in it, decimals included, is an N. (No std::regex: GCC 12 warns inside of it where a
+// sanitizer is on.)
+std::string without_numbers(const std::string& text) {
+  const auto digit = [&](size_t i) { return i < text.size() && '0' <= text[i] && text[i] <= '9'; };
+  std::string out;
+  for (size_t i = 0; i < text.size();) {
+    if (!digit(i)) {
+      out += text[i++];
+      continue;
+    }
+    while (digit(i)) ++i;
+    if (i < text.size() && text[i] == '.' && digit(i + 1)) {
+      ++i;
+      while (digit(i)) ++i;
+    }
+    out += 'N';
+  }
+  return out;
+}
 
 TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
   TempFolder folder;
@@ -178,7 +197,10 @@ TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
   if (!bf16_units().empty()) {
     EXPECT_EQ(measured("weight packing 32-64-64-16").size(), 1u);
   }
-  EXPECT_EQ(measured("compositing").size(), 1u);
+  EXPECT_EQ(measured("compositing"),
+            (std::set<std::string>{"compositing forward+backward, 16 samples per ray",
+                                   "compositing forward, 16 samples per ray",
+                                   "compositing backward, 16 samples per ray"}));
   expect_refused(run_program(NERF_BENCH_PROGRAM, {"kernels", "--filter", "nothing of this name"}),
                  "nerf_bench", {"--filter", "nothing of this name"});
 }
@@ -230,12 +252,11 @@ TEST(NerfBench, KernelsHaveUnitShareAndAColumnForEachTargetAndThreads) {
     table[kernel].resize(expected.size());
     return table[kernel];
   };
-  const std::regex flops(R"(\d+(\.\d+)? \(\d+ %\))");
-  const std::regex samples(R"(\d+(\.\d+)?, \d+(\.\d+)? GB/s \(\d+ %\))");
+  const std::string flops = "N (N %)", samples = "N, N GB/s (N %)";
 
   const std::vector<std::string> mlp = row_of("MLP 32-64-64-16 forward, 2^18 samples", 2, {1, 2});
   EXPECT_EQ(mlp[0], "GFLOP/s, FMA");
-  for (size_t i = 1; i < mlp.size(); ++i) EXPECT_TRUE(std::regex_match(mlp[i], flops)) << mlp[i];
+  for (size_t i = 1; i < mlp.size(); ++i) EXPECT_EQ(without_numbers(mlp[i]), flops) << mlp[i];
 
   const auto grid = [&](const std::string& pass, int threads, const std::vector<int>& columns) {
     return row_of("hash grid 10x4 " + pass + ", 2^15 entries, 2^16 samples", threads, columns);
@@ -244,7 +265,7 @@ TEST(NerfBench, KernelsHaveUnitShareAndAColumnForEachTargetAndThreads) {
   const auto expect_grid = [&](const std::vector<std::string>& row, double row_bytes) {
     EXPECT_EQ(row[0], "M samples/s, random rows");
     for (size_t i = 1; i < row.size(); ++i)
-      EXPECT_TRUE(i <= of_f32 ? std::regex_match(row[i], samples) : row[i].empty()) << row[i];
+      EXPECT_EQ(without_numbers(row[i]), i <= of_f32 ? samples : "") << row[i];
     const double bytes = 10 * ((3 + 4) * sizeof(Real) + 8 * row_bytes);
     for (const auto& measured : testing_apps::csv_rows(testing_apps::read_text(csv))) {
       if (measured.at("unit") != "M samples/s") continue;
