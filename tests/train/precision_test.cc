@@ -66,6 +66,7 @@ TEST_P(InBothPrecisions, TrainingsEndAlike) {
   EXPECT_EQ(a != single.psnr(other()), both);
 }
 
+#ifndef NERF_EMULATED_BF16
 // The grid's trainings go apart least: the mean of three seeds is within four times what it is off
 // by.
 TEST(Precision, SeedsEndAlikeInTheMean) {
@@ -83,6 +84,7 @@ TEST(Precision, SeedsEndAlikeInTheMean) {
   RecordProperty("difference", std::to_string(difference / kSeeds));
   EXPECT_NEAR(difference / kSeeds, 0, 4 * 0.1 / std::sqrt(kSeeds));
 }
+#endif
 
 TEST_P(InBothPrecisions, ThreadsChangeNothing) {
   const auto c = test::sphere_capture();
@@ -97,8 +99,10 @@ TEST_P(InBothPrecisions, ThreadsChangeNothing) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, InBothPrecisions,
-                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"));
+INSTANTIATE_TEST_SUITE_P(Methods, InBothPrecisions, ::testing::Values("grid", "nerf"));
+#ifndef NERF_EMULATED_BF16  // which is slow, and the same to every method
+INSTANTIATE_TEST_SUITE_P(MoreMethods, InBothPrecisions, ::testing::Values("mipnerf", "mipnerf360"));
+#endif
 
 TEST(Precision, TrainerNamesWhatItResolved) {
   const auto c = test::sphere_capture();
