@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "model/baked_occupancy.h"
+#include "model/some_info.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/radiance_field.h"
@@ -101,14 +102,6 @@ void expect_every_option_to_change(const RadianceField& field) {
   }(std::make_index_sequence<kCount>());
 }
 
-ModelInfo some_info() {
-  ModelInfo info;
-  info.alpha = true;
-  info.near = 0.5;
-  info.far = 5;
-  return info;
-}
-
 // The cache says that a cell stops 0.6 of the light: min_transmittance is reached.
 TEST(RenderOptions, EveryOneChangesSomethingWithTheGrid) {
   GridOptions o;
@@ -120,14 +113,14 @@ TEST(RenderOptions, EveryOneChangesSomethingWithTheGrid) {
   grid->initialise(3);
   test::scale_table(*grid, 1e4_r);
   grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 200));
-  expect_every_option_to_change(RadianceField(some_info(), grid));
+  expect_every_option_to_change(RadianceField(test::some_info(), grid));
 }
 
 // Where the model is known to be empty, all but unclipped pictures skip it.
 TEST(RenderOptions, ThoseThatAreNotTheGridsAloneChangeSomethingWithAPapersMethod) {
   auto network = std::make_shared<NetworkField>(test::small_network(test::nerf_options()), 0.5, 5);
   network->initialise(4);
-  RadianceField field(some_info(), network);
+  RadianceField field(test::some_info(), network);
   ThreadPool pool(2);
   ASSERT_TRUE(field.bake(uint64_t{1} << 40, pool));
   ASSERT_LT(field.baked()->occupied_fraction(), 1);

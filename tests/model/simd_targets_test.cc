@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "model/some_info.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/network_field.h"
 #include "support/cameras.h"
@@ -20,14 +21,6 @@ void expect_same_pictures(const RadianceField& field) {
   test::expect_same_pictures(field, test::pinhole(24, 20, 18), pose);
 }
 
-ModelInfo some_info() {
-  ModelInfo info;
-  info.alpha = true;
-  info.near = 0.5;
-  info.far = 5;
-  return info;
-}
-
 TEST(SimdTargets, PicturesOfTheGrid) {
   for (const bool unbounded : {false, true}) {
     GridOptions o;
@@ -40,7 +33,7 @@ TEST(SimdTargets, PicturesOfTheGrid) {
     grid->initialise(3);
     test::scale_table(*grid, 1e4_r);
     grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 20));
-    expect_same_pictures(RadianceField(some_info(), grid));
+    expect_same_pictures(RadianceField(test::some_info(), grid));
   }
 }
 
@@ -49,7 +42,7 @@ TEST(SimdTargets, PicturesOfThePapersMethods) {
        {test::nerf_options(), test::mipnerf_options(), test::mipnerf360_options()}) {
     auto field = std::make_shared<NetworkField>(test::small_network(o), 0.5, 5);
     field->initialise(4);
-    expect_same_pictures(RadianceField(some_info(), field));
+    expect_same_pictures(RadianceField(test::some_info(), field));
   }
 }
 
