@@ -11,6 +11,7 @@
 #include "nerf/base/threads.h"
 #include "nerf/io/photo_scales.h"
 #include "nerf/io/photos.h"
+#include "nerf/io/plane_sweep.h"
 #include "nerf/io/scene.h"
 #include "nerf/model/options_json.h"
 #include "nerf/train/evaluation.h"
@@ -282,6 +283,8 @@ int train_main(int argc, char** argv) {
   for (const std::string& warning : unused_options(command, line.given, scene))
     log_warning(warning);
   PhotoSet photos = decode(scene, pool, stop);
+  if (const int added = add_swept_points(scene, photos, pool); added > 0)
+    log_info(fmt::format("the capture has no points: {} were found in the photos", added));
   add_photo_scales(scene, photos, command.scales, learns_from_reduced_photos(command.train), pool);
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();

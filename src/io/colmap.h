@@ -18,12 +18,6 @@
 
 namespace nerf::internal {
 
-// A point seen in an image; indices, not COLMAP's ids.
-struct Observation {
-  int32_t image;
-  int32_t point;
-};
-
 struct ColmapImage {
   std::string name;
   int camera = 0;  // index into ColmapModel::cameras

@@ -15,7 +15,6 @@
 namespace nerf {
 namespace {
 
-using internal::Observation;
 using internal::SceneInput;
 
 constexpr int kHoldoutStride = 8;
@@ -52,10 +51,15 @@ void split_views(const std::vector<char>& is_test, Scene& scene) {
   if (scene.options.split == Split::kDev) {
     // Test views leave the scene altogether, so that nothing can be tuned on them.
     std::vector<View> views;
+    std::vector<int32_t> kept(scene.views.size(), -1);
     for (size_t i = 0; i < scene.views.size(); ++i) {
-      if (!held_out(i)) views.push_back(std::move(scene.views[i]));
+      if (held_out(i)) continue;
+      kept[i] = static_cast<int32_t>(views.size());
+      views.push_back(std::move(scene.views[i]));
     }
     scene.views = std::move(views);
+    for (Observation& o : scene.observations) o.image = kept[static_cast<size_t>(o.image)];
+    std::erase_if(scene.observations, [](const Observation& o) { return o.image < 0; });
     for (size_t i = 0; i < scene.views.size(); ++i) {
       (i % kHoldoutStride == 0 ? scene.test : scene.train).push_back(static_cast<int>(i));
     }
@@ -140,6 +144,7 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   scene.views = input.views;
   scene.points = std::move(input.points);
   internal::choose_frame(input, scene);
+  scene.observations = std::move(input.observations);
 
   report.points = static_cast<int>(scene.points.size());
   report.mean_reprojection_error = mean_error(scene.points);

@@ -10,6 +10,7 @@
 #include "nerf/model/level_order.h"
 #include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
+#include "train/free_space.h"
 #include "train/lap.h"
 #include "train/visibility.h"
 
@@ -94,6 +95,7 @@ void GridTrainer::initialise() {
       if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
     }
   switch_off_impossible_cells(scene, photos, options, pool, field.occupancy);
+  if (!options.keep_free) switch_off_free_space(scene, photos, pool, field.occupancy);
   field.occupancy.rebuild(static_cast<Real>(options.occupancy_threshold), &pool);
   pack();
 }

@@ -10,11 +10,13 @@
 
 #include "nerf/base/error.h"
 #include "nerf/kernels/roulette.h"
+#include "train/free_space.h"
 
 namespace nerf {
 
 PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
-    : photos_(photos), views_(scene.train), near_(scene.near) {
+    : photos_(photos), views_(scene.train) {
+  const std::vector<double> near = near_of_views(scene);
   pixels_before_.push_back(0);
   double weight = 0;
   std::map<std::filesystem::path, int> files;  // a scene that a program made may have names alone
@@ -24,6 +26,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
                              static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height));
     const View& view = scene.views[static_cast<size_t>(v)];
     poses_.push_back(scene.to_engine.apply(view.pose));
+    near_.push_back(near[static_cast<size_t>(v)]);
     const std::filesystem::path file =
         view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
     files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
@@ -128,7 +131,7 @@ bool PixelSource::cast(Pixel& out) const {
   if (!direction) return false;
   out.ray.origin = poses_[i].translation;
   out.ray.direction = normalized(poses_[i].rotation * *direction);
-  out.ray.near = near_;
+  out.ray.near = near_[i];
   return true;
 }
 

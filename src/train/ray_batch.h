@@ -70,7 +70,7 @@ class PixelSource {
   std::vector<int> files_;               // see file_of()
   int file_count_ = 0;
   double mean_weight_ = 1;
-  double near_;
+  std::vector<double> near_;  // engine units; no sample closer to the camera
 };
 
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,

@@ -31,6 +31,12 @@ struct ScenePoint {
   int views = 0;     // number of images that see it
 };
 
+// A point seen in a photo.
+struct Observation {
+  int32_t image;  // index into Scene::views
+  int32_t point;  // index into Scene::points
+};
+
 enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kLlff, kPhotos, kVideo };
 enum class Split {
   kTest,  // held-out = indices 0, 8, 16, ... of the views sorted bytewise by name, or the test file
@@ -76,9 +82,10 @@ struct Scene {
   std::vector<View> views;      // registered views whose image exists, sorted bytewise by name;
                                 // then the same at other scales
   std::vector<ScenePoint> points;
-  std::vector<int> train, test;  // indices into views
-  SceneOptions options;          // as given; `format` is the one that was found
-  bool alpha = false;            // photos carry alpha (Blender): composite on a background
+  std::vector<Observation> observations;  // of the points, in the views as they were read
+  std::vector<int> train, test;           // indices into views
+  SceneOptions options;                   // as given; `format` is the one that was found
+  bool alpha = false;                     // photos carry alpha (Blender): composite on a background
 
   // Input coordinates to engine coordinates: +z up, centred on what the cameras look at. A bounded
   // scene fits [-1, 1]^3; of an unbounded one the region between the cameras does.

@@ -71,9 +71,9 @@ struct TrainOptions {
   double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
   bool every_row = false;                  // Adam moves rows without gradient too
   double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
-  // Cells of the occupancy grid that cannot hold matter by the cameras and by the photos' alpha are
-  // in use all the same.
-  bool keep_unseen = false, keep_transparent = false;
+  // Cells of the occupancy grid that cannot hold matter by the cameras, by the photos' alpha and by
+  // the sparse points are in use all the same.
+  bool keep_unseen = false, keep_transparent = false, keep_free = false;
   GridOptions grid;
   // Of the other methods.
   NetworkOptions network;
@@ -165,6 +165,9 @@ struct TrainOptions {
       "cells that no camera of the training photos sees may hold matter too (grid)");
     v("keep_transparent", keep_transparent,
       "cells that some photo with alpha shows as wholly transparent may hold matter too (grid)");
+    v("keep_free", keep_free,
+      "cells that lie between cameras and the points they see, or nearer to cameras than what they "
+      "see, may hold matter too, where a scene is unbounded (grid)");
     v("grid", grid, "field");
     v("network", network, "field of the paper methods");
     v("recipe", recipe, "training of the paper methods");

@@ -1,0 +1,173 @@
+#include "train/free_space.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+
+namespace nerf {
+
+namespace {
+
+constexpr double kNearShare = 0.9;      // of the distance to the nearest points
+constexpr double kNearQuantile = 0.01;  // of the points that a view sees; nearer ones may be wrong
+constexpr size_t kEnoughPoints = 20;    // in a view, to tell where its content begins
+constexpr double kSightShare = 0.85;    // of a line of sight; a surface has some depth
+constexpr double kAround = 1;           // of the near distance: where cameras go there is no matter
+const double kHalfDiagonal = 0.5 * std::sqrt(3.0);  // of a cell of width 1
+
+// Witnesses of each cell, counted up to two. The same for any order and any number of threads.
+class Witnesses {
+ public:
+  explicit Witnesses(const OccupancyGrid& grid)
+      : grid_(grid),
+        one_(static_cast<size_t>(grid.cascades() * grid.cells() / 64)),
+        two_(one_.size()) {}
+
+  void add(int cascade, int64_t cell) {
+    const size_t i = index(cascade, cell);
+    const uint64_t bit = uint64_t{1} << (i % 64);
+    const uint64_t before = std::atomic_ref(one_[i / 64]).fetch_or(bit, std::memory_order_relaxed);
+    if (before & bit) std::atomic_ref(two_[i / 64]).fetch_or(bit, std::memory_order_relaxed);
+  }
+  bool two(int cascade, int64_t cell) const {
+    const size_t i = index(cascade, cell);
+    return two_[i / 64] >> (i % 64) & 1;
+  }
+
+  // Every cell that half cell widths along the line meet, once.
+  void add_line(const Vec3d& from, const Vec3d& to) {
+    const double whole = length(to - from);
+    const Vec3d along = (to - from) / whole;
+    int last_cascade = -1;
+    int64_t last = -1;
+    for (double t = 0; t < whole;) {
+      const Vec3 p = (from + along * t).cast<Real>();
+      const int cascade = grid_.cascade_of(p);
+      if (cascade >= grid_.cascades()) return;
+      const int64_t cell = grid_.cell_of(p, cascade);
+      if (cell != last || cascade != last_cascade) add(cascade, cell);
+      last = cell;
+      last_cascade = cascade;
+      t += 0.5 * static_cast<double>(grid_.cell_width(cascade));
+    }
+  }
+
+  // Cells that lie wholly within `reach` of a camera.
+  template <class Counts>
+  void add_ball(const Vec3d& centre, double reach, const Counts& counts) {
+    const int side = grid_.side();
+    for (int c = 0; c < grid_.cascades(); ++c) {
+      const double w = static_cast<double>(grid_.cell_width(c));
+      std::array<int, 3> lo{}, hi{};
+      for (size_t k = 0; k < 3; ++k) {
+        const double x = centre[static_cast<int>(k)];
+        const auto place = [&](double at) {
+          return static_cast<int>(std::clamp(std::floor(at / w) + side / 2, 0.0, side - 1.0));
+        };
+        lo[k] = place(x - reach);
+        hi[k] = place(x + reach);
+      }
+      for (int z = lo[2]; z <= hi[2]; ++z)
+        for (int y = lo[1]; y <= hi[1]; ++y)
+          for (int x = lo[0]; x <= hi[0]; ++x) {
+            const int64_t cell = grid_.cell_at({x, y, z});
+            if (grid_.is_off(c, cell)) continue;
+            const double h = 0.5 * w;
+            const Vec3d middle = grid_.cell_corner(cell, c).cast<double>() + Vec3d{h, h, h};
+            const double farthest = length(middle - centre) + kHalfDiagonal * w;
+            if (farthest <= reach && counts(middle, farthest)) add(c, cell);
+          }
+    }
+  }
+
+ private:
+  size_t index(int cascade, int64_t cell) const {
+    return static_cast<size_t>(cascade * grid_.cells() + cell);
+  }
+  const OccupancyGrid& grid_;
+  std::vector<uint64_t> one_, two_;
+};
+
+// Whether the camera's picture shows the direction.
+bool shows(const Camera& camera, const Vec3d& p) {
+  const auto pixel = project(camera, p);
+  return pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < camera.width &&
+         pixel->y < camera.height;
+}
+
+// Cells that hold a point which two photos agree on, and their neighbours.
+std::vector<uint8_t> cells_with_points(const Scene& scene, const OccupancyGrid& grid) {
+  std::vector<uint8_t> out(static_cast<size_t>(grid.cascades() * grid.cells()));
+  for (const ScenePoint& point : scene.points) {
+    if (point.views < 2) continue;
+    const Vec3 p = scene.to_engine.apply(point.position).cast<Real>();
+    const int cascade = grid.cascade_of(p);
+    if (cascade >= grid.cascades()) continue;
+    const Real w = grid.cell_width(cascade);
+    for (int i = 0; i < 27; ++i) {
+      const Vec3 q = p + Vec3{static_cast<Real>(i % 3 - 1), static_cast<Real>(i / 3 % 3 - 1),
+                              static_cast<Real>(i / 9 - 1)} *
+                             w;
+      const int c = grid.cascade_of(q);
+      if (c < grid.cascades()) out[static_cast<size_t>(c * grid.cells() + grid.cell_of(q, c))] = 1;
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<double> near_of_views(const Scene& scene) {
+  std::vector<double> near(scene.views.size(), scene.near);
+  if (!scene.unbounded) return near;
+  std::vector<std::vector<double>> distances(scene.views.size());
+  for (const Observation& o : scene.observations) {
+    const size_t v = static_cast<size_t>(o.image);
+    const Vec3d& p = scene.points[static_cast<size_t>(o.point)].position;
+    distances[v].push_back(length(p - scene.views[v].pose.translation) * scene.to_engine.scale);
+  }
+  for (size_t v = 0; v < near.size(); ++v) {
+    std::vector<double>& d = distances[v];
+    if (d.size() < kEnoughPoints) continue;
+    const auto at = d.begin() + std::lround(kNearQuantile * static_cast<double>(d.size() - 1));
+    std::nth_element(d.begin(), at, d.end());
+    near[v] = std::max(near[v], kNearShare * *at);
+  }
+  return near;
+}
+
+void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
+                           OccupancyGrid& grid) {
+  if (!scene.unbounded || scene.observations.empty()) return;
+  Witnesses witnesses(grid);
+  std::vector<uint8_t> trains(scene.views.size());
+  for (const int v : scene.train) trains[static_cast<size_t>(v)] = 1;
+
+  pool.parallel_for(static_cast<int64_t>(scene.observations.size()), [&](int64_t i) {
+    const Observation& o = scene.observations[static_cast<size_t>(i)];
+    const size_t v = static_cast<size_t>(o.image);
+    if (!trains[v]) return;
+    const Vec3d eye = scene.to_engine.apply(scene.views[v].pose.translation);
+    const Vec3d p = scene.to_engine.apply(scene.points[static_cast<size_t>(o.point)].position);
+    witnesses.add_line(eye, eye + (p - eye) * kSightShare);
+  });
+
+  const std::vector<double> near = near_of_views(scene);
+  pool.parallel_for(static_cast<int64_t>(scene.train.size()), [&](int64_t i) {
+    const size_t v = static_cast<size_t>(scene.train[static_cast<size_t>(i)]);
+    const Pose pose = scene.to_engine.apply(scene.views[v].pose), to_camera = pose.inverse();
+    witnesses.add_ball(pose.translation, near[v], [&](const Vec3d& middle, double farthest) {
+      return farthest <= kAround * near[v] || shows(photos.cameras[v], to_camera * middle);
+    });
+  });
+
+  const std::vector<uint8_t> points = cells_with_points(scene, grid);
+  for (int c = 0; c < grid.cascades(); ++c)
+    for (int64_t i = 0; i < grid.cells(); ++i)
+      if (witnesses.two(c, i) && !points[static_cast<size_t>(c * grid.cells() + i)])
+        grid.switch_off(c, i);
+}
+
+}  // namespace nerf

@@ -1,0 +1,27 @@
+// Space that is empty by the sparse points: between a camera and the points that it sees, and
+// before everything that a photo shows.
+#pragma once
+
+#include <vector>
+
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/parts/occupancy.h"
+
+namespace nerf {
+
+// Distance from each view's camera before which its photo shows nothing, engine units: nine tenths
+// of that to the nearest hundredth of the points it sees. Scene::near, the least of all, where it
+// sees too few of them.
+std::vector<double> near_of_views(const Scene& scene);
+
+// Switches off the cells of an unbounded scene's grid that are empty by two witnesses or more, hold
+// no point and touch no cell that does. Witnesses are lines of sight, from a training camera most
+// of the way to a point it sees, and training cameras that have the cell nearer than near_of_views,
+// in the picture or around the camera: matter there is seen by no photo but would fog new views.
+// One witness may be wrong.
+void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
+                           OccupancyGrid& grid);
+
+}  // namespace nerf
