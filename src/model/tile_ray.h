@@ -18,7 +18,7 @@ struct TileRay {
   Real median = -1;           // distance at which half of the light is stopped
   Vec3 entry, direction;      // of the march, engine coordinates
   double start = 0;           // of the march, from the camera
-  Real forward = 1;           // cosine between ray and optical axis
+  Real forward = 1;           // depth_per_distance()
   Real radius = 0;            // of the pixel's cone at distance 1; GridOptions::sees_cones
   bool finished = false;
 };
