@@ -49,8 +49,9 @@ TEST(PanoramaPicture, OpacityIsThatOfEveryRay) {
           const Vec3d d{std::cos(down) * std::sin(azimuth), std::sin(down),
                         std::cos(down) * std::cos(azimuth)};
           const Vec3d from = Vec3d{std::cos(azimuth), 0, -std::sin(azimuth)} * eye;
-          const Vec3d origin = to_engine.apply(pose * from);
           const Vec3d direction = to_engine.rotation * (pose.rotation * d);
+          // From inside nothing is drawn that is nearer than the model says.
+          const Vec3d origin = to_engine.apply(pose * from) + direction * field.info().near;
           const double inside = test::length_inside(origin, direction, matter);
           const size_t at = static_cast<size_t>(y * 48 + x);
           ASSERT_NEAR(frame.alpha[at], 1 - std::exp(-inside), 2e-5)
@@ -60,7 +61,7 @@ TEST(PanoramaPicture, OpacityIsThatOfEveryRay) {
           // Depth is where half of the light is stopped, along the ray, also behind the pose.
           ++depths;
           EXPECT_NEAR(frame.depth_z[at] * to_engine.scale,
-                      entry(origin, direction, matter) + std::log(2.0), 0.08)
+                      field.info().near + entry(origin, direction, matter) + std::log(2.0), 0.08)
               << x << ' ' << y;
         }
       EXPECT_GT(seen, 30);
