@@ -35,7 +35,8 @@ std::filesystem::path find_model_file(const std::filesystem::path& run);
 
 // Throws Error for views that are neither a known word nor a file, what make_camera_path and
 // read_camera_path refuse, --frames and --camera where the views have their own, --ipd where there
-// are no two eyes, pictures that do not fit into `memory_bytes`, and pictures of different sizes where a video is wanted.
+// are no two eyes, pictures that do not fit into `memory_bytes`, and pictures of different sizes
+// where a video is wanted.
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
                             uint64_t memory_bytes);
 

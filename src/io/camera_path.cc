@@ -301,7 +301,8 @@ Camera path_camera(const ModelInfo& info) {
     if (std::pair(c.width, c.height) != common) continue;
     fx.push_back(c.fx());
     fy.push_back(c.fy());
-    fisheye |= is_panorama(c) || c.model == CameraModel::kOpenCVFisheye || c.model == CameraModel::kFov ||
+    fisheye |= is_panorama(c) || c.model == CameraModel::kOpenCVFisheye ||
+               c.model == CameraModel::kFov ||
                c.model == CameraModel::kSimpleRadialFisheye ||
                c.model == CameraModel::kRadialFisheye ||
                c.model == CameraModel::kThinPrismFisheye ||

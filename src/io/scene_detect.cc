@@ -112,7 +112,8 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
                 photos.string(), "put the photos into images/ beside masks/");
   }
   const CaptureFolders folders{work_folder(run.options), run.options.run_folder};
-  const bool panoramas = run.options.camera_model == camera_model_name(CameraModel::kEquirectangular);
+  const bool panoramas =
+      run.options.camera_model == camera_model_name(CameraModel::kEquirectangular);
   const std::vector<std::string> names = photos_below(photos, folders);
   SceneInput input;
   if (panoramas || are_panoramas(photos, names)) {

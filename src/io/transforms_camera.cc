@@ -83,8 +83,8 @@ LensKind lens_kind(const FrameJson& frame) {
   }
   frame.fail(fmt::format("camera_model {} is not supported", printable(model)),
              "known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, "
-             "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE, EQUIRECTANGULAR; undistort the "
-             "images");
+             "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE, EQUIRECTANGULAR; undistort "
+             "the images");
 }
 
 // Focal length of one axis: given, or from the field of view over the image's side.

@@ -23,4 +23,13 @@ struct TileRay {
   bool finished = false;
 };
 
+// Adds n features of a sample of weight w to its ray's.
+inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
+  constexpr size_t kUsual = 16;
+  if (n == kUsual)
+    for (size_t f = 0; f < kUsual; ++f) sums[f] += w * x[f];
+  else
+    for (size_t f = 0; f < n; ++f) sums[f] += w * x[f];
+}
+
 }  // namespace nerf::internal

@@ -293,14 +293,6 @@ class TileRenderer {
     finish(ray);
   }
 
-  static void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
-    constexpr size_t kUsual = 16;
-    if (n == kUsual)
-      for (size_t f = 0; f < kUsual; ++f) sums[f] += w * x[f];
-    else
-      for (size_t f = 0; f < n; ++f) sums[f] += w * x[f];
-  }
-
   size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }
 
   // The features that a ray's samples have summed, of weight `shared`, wait for the colour network

@@ -98,10 +98,10 @@ Camera path_camera(const ModelInfo& info);
 Camera panorama_of(PictureKind picture, int width, int height);
 
 // nerfstudio's camera-path JSON: render_width, render_height, fps (or seconds), camera_type
-// (perspective, fisheye, equirectangular, omnidirectional or vr180) and camera_path[] with camera_to_world (16 numbers, rows first, OpenGL
-// axes: x right, y up, z backward), fov (vertical, degrees; panoramas need none) and optionally
-// render_time. The size is that of one eye's picture. keyframes and crop are not used; the latter
-// gets a note.
+// (perspective, fisheye, equirectangular, omnidirectional or vr180) and camera_path[] with
+// camera_to_world (16 numbers, rows first, OpenGL axes: x right, y up, z backward), fov (vertical,
+// degrees; panoramas need none) and optionally render_time. The size is that of one eye's picture.
+// keyframes and crop are not used; the latter gets a note.
 //
 // nerfstudio itself stores paths in the normalised coordinates of its own run. A file read or
 // written here is in the input model's coordinates, so one exported from a nerfstudio run fits only

@@ -60,9 +60,9 @@ struct Camera {
   Camera in_unit(double scale) const;
 };
 
-// An equirectangular picture of so many radians of azimuth, with the forward axis in its middle, and
-// of all elevations: pixel = (fx atan2(x, z) + cx, fy atan2(y, hypot(x, z)) + cy), as COLMAP 4 and
-// nerfstudio have it. The full sphere by default; pi is what VR180 shows.
+// An equirectangular picture of so many radians of azimuth, with the forward axis in its middle,
+// and of all elevations: pixel = (fx atan2(x, z) + cx, fy atan2(y, hypot(x, z)) + cy), as COLMAP 4
+// and nerfstudio have it. The full sphere by default; pi is what VR180 shows.
 Camera panorama(int width, int height, double azimuths = 2 * std::numbers::pi);
 
 // Whether a camera looks all around, so that its pose says nothing of what it looks at and depth
@@ -76,8 +76,9 @@ inline bool is_panorama(const Camera& camera) {
 std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction);
 
 // Direction in camera axes of an image point (pixels). Pinhole-like models return z = 1 (so that a
-// distance along it is depth); fisheyes and panoramas return a unit vector. Inverts the distortion by Newton
-// iterations to 1e-10; no value where that does not converge or lies beyond the lens's valid range.
+// distance along it is depth); fisheyes and panoramas return a unit vector. Inverts the distortion
+// by Newton iterations to 1e-10; no value where that does not converge or lies beyond the lens's
+// valid range.
 std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel);
 
 // Directions of the centres of successive pixels of row y, from column x on: unproject()'s, of unit
@@ -93,7 +94,8 @@ double pixel_cone_radius(const Camera& camera, const Vec2d& pixel);
 // `camera_to_world` moved to where the ray through the image point begins. All rays of a camera
 // begin at its centre, but for one eye of an omnidirectional stereo panorama (Peleg, Ben-Ezra and
 // Pritch 2001), whose parameter `eye` is not 0: its rays begin so far (in the pose's unit) to the
-// right of the centre, at right angles to their azimuth, level in camera axes. Below 0: to the left.
+// right of the centre, at right angles to their azimuth, level in camera axes. Below 0: to the
+// left.
 Pose ray_pose(const Camera& camera, const Pose& camera_to_world, const Vec2d& pixel);
 
 // What turns distance along a ray into a picture's depth: the cosine between the ray (unit

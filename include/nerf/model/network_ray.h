@@ -32,9 +32,9 @@ struct NetworkRay {
 };
 
 // The ray through an image point (pixels); pose is camera-to-engine, moved to where the ray begins
-// (ray_pose() of math/camera.h). Background, target, scale and
-// random are left for the caller. No value where the lens has no ray there, or where it does not go
-// forward in normalised device coordinates.
+// (ray_pose() of math/camera.h). Background, target, scale and random are left for the caller. No
+// value where the lens has no ray there, or where it does not go forward in normalised device
+// coordinates.
 std::optional<NetworkRay> cast_ray(const NetworkField& field, const Camera& camera,
                                    const Pose& pose, const Vec2d& pixel);
 
