@@ -44,7 +44,8 @@ void bake(RadianceField& field, const RenderPlan& plan, ThreadPool& pool, const 
   uint64_t pixels = 0;
   for (const auto& frame : plan.frames)
     pixels +=
-        static_cast<uint64_t>(frame.camera.width) * static_cast<uint64_t>(frame.camera.height);
+        static_cast<uint64_t>(frame.camera.width) * static_cast<uint64_t>(frame.camera.height) *
+        (frame.right ? 2 : 1);
   Progress clock("baking");
   if (field.bake(pixels, pool, &cancel))
     log_info(fmt::format("empty space found in {:.1f} s", clock.elapsed_seconds()));

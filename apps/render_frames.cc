@@ -19,6 +19,25 @@ constexpr int kPreviews = 5;
 constexpr int kPreviewDivisor = 8;
 constexpr int kLeastPreview = 48;  // pixels of the shorter side, where the picture has them
 
+// A frame at its own size (divisor 0), or as a preview so many times smaller.
+Frame draw(const RenderPlan& plan, const PlannedFrame& frame, const RenderFunction& render,
+           int divisor, const std::function<void(double)>& progress) {
+  const auto draw_eye = [&](const Camera& camera, const Pose& camera_to_world, double from,
+                            double share) {
+    const bool preview = divisor > 0;
+    const Camera sized = preview ? camera.scaled_to(std::max(1, camera.width / divisor),
+                                                    std::max(1, camera.height / divisor))
+                                 : camera;
+    return render(sized, camera_to_world, preview, [&](double fraction) {
+      if (progress) progress(from + share * fraction);
+    });
+  };
+  if (!frame.right) return draw_eye(frame.camera, frame.camera_to_world, 0, 1);
+  const Frame left = draw_eye(frame.camera, frame.camera_to_world, 0, 0.5);
+  const Frame right = draw_eye(frame.right->camera, frame.right->camera_to_world, 0.5, 0.5);
+  return join_eyes(plan.picture, left, right);
+}
+
 DepthRange preview_depth(const RenderPlan& plan, const RenderFunction& render) {
   const int frames = static_cast<int>(plan.frames.size());
   const int previews = std::min(kPreviews, frames);
@@ -28,9 +47,7 @@ DepthRange preview_depth(const RenderPlan& plan, const RenderFunction& render) {
                                             static_cast<size_t>(previews)];
     const int side = std::min(frame.camera.width, frame.camera.height);
     const int divisor = std::clamp(side / kLeastPreview, 1, kPreviewDivisor);
-    const Camera small = frame.camera.scaled_to(std::max(1, frame.camera.width / divisor),
-                                                std::max(1, frame.camera.height / divisor));
-    const Frame picture = render(small, frame.camera_to_world, /*preview=*/true, {});
+    const Frame picture = draw(plan, frame, render, divisor, {});
     ranges.push_back(depth_range(picture.depth_z, picture.alpha));
   }
   return merged(ranges);
@@ -63,10 +80,9 @@ RenderedFiles render_frames(const RenderPlan& plan, const fs::path& out,
       if (cancel.requested()) throw Cancelled();
       const PlannedFrame& frame = plan.frames[i];
       const std::string text = fmt::format("{}/{} {}", i + 1, plan.frames.size(), frame.name);
-      const Frame picture =
-          render(frame.camera, frame.camera_to_world, /*preview=*/false, [&](double fraction) {
-            progress.update((static_cast<double>(i) + fraction) / count, text);
-          });
+      const Frame picture = draw(plan, frame, render, 0, [&](double fraction) {
+        progress.update((static_cast<double>(i) + fraction) / count, text);
+      });
       if (depth) {
         folders.make((out / frame.depth).parent_path());
         write_image(out / frame.depth, depth_image(picture.width, picture.height, picture.depth_z,

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "nerf/base/options.h"
+#include "nerf/io/camera_path.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf/math/option_types.h"
 #include "nerf/model/renderer.h"
@@ -52,6 +53,8 @@ struct RenderCommand {
   std::filesystem::path out;
   std::optional<ImageSize> size;
   int downscale = 1;
+  std::optional<PictureKind> camera;
+  std::optional<double> ipd;
   std::optional<int> frames;
   std::optional<double> fps;
   std::filesystem::path mp4;
@@ -75,6 +78,14 @@ struct RenderCommand {
       "size of the pictures; without it that of the photos, or the one that a camera path's file "
       "states");
     v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64));
+    v("camera", camera,
+      "what generated paths and a camera path's file show: perspective, equirectangular (all "
+      "around), ods (all around in stereo, left eye above right) or vr180 (the half in front in "
+      "stereo, left eye beside right); --size is that of one eye; without it perspective, or what "
+      "the file says");
+    v("ipd", ipd,
+      "distance between the eyes of ods and vr180, input unit; without it 0.064, as in metres",
+      at_least(0), at_most(1e6));
     v("frames", frames, "length of the generated paths (orbit, spiral, ...); without it 120",
       at_least(1), at_most(100000));
     v("fps", fps, "frames per second of the video; without it the camera path's, or 30",

@@ -11,6 +11,7 @@
 #include "nerf/base/nearest_name.h"
 #include "nerf/base/text.h"
 #include "nerf/io/camera_path.h"
+#include "nerf/math/camera_paths.h"
 #include "nerf/train/trainer.h"
 
 namespace nerf::apps {
@@ -19,6 +20,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kDefaultFrames = 120;
+constexpr double kDefaultIpd = 0.064;  // metres, as nerfstudio
+constexpr int kPanoramaHeight = 1024;  // of one eye's picture
 // Per pixel, at the peak: five numbers of the frame, two 8-bit pictures, the encoder's copy, the
 // sorted depths.
 constexpr uint64_t kBytesPerPixel = 8 * sizeof(Real) + 32;
@@ -27,6 +30,32 @@ struct Views {
   CameraPath path;
   bool photos = false;  // the cameras are those of photos, with their lenses
 };
+
+// Frames of another kind than the path's own; panoramas, in their usual size.
+void change_picture(PictureKind picture, CameraPath& path) {
+  if (picture == PictureKind::kPerspective)
+    throw Error("the camera path's file is one of panoramas and says no field of view", "--camera",
+                "give equirectangular, ods or vr180, or a path of perspective cameras");
+  const int width = picture == PictureKind::kVr180 ? kPanoramaHeight : 2 * kPanoramaHeight;
+  for (PathFrame& frame : path.frames)
+    frame.camera = path.picture == PictureKind::kPerspective
+                       ? panorama_of(picture, width, kPanoramaHeight)
+                       : panorama_of(picture, frame.camera.width, frame.camera.height);
+  path.picture = picture;
+}
+
+// A panorama's horizon is level, whatever the path's camera looks down on: heads do the looking.
+void level(const Similarity& to_engine, CameraPath& path) {
+  const Vec3d up = to_engine.rotation.transposed() * Vec3d{0, 0, 1};
+  for (PathFrame& frame : path.frames) {
+    const Mat3d& axes = frame.camera_to_world.rotation;
+    const auto horizontal = [&](const Vec3d& v) { return v - up * dot(v, up); };
+    Vec3d forward = horizontal(axes.column(2));
+    // Of one that looks straight down what its picture's upper edge shows.
+    if (length(forward) < 1e-6) forward = horizontal(-axes.column(1));
+    frame.camera_to_world.rotation = look_rotation(forward, up);
+  }
+}
 
 Views find_views(const RenderCommand& command, const ModelInfo& info) {
   const auto kinds = option_names(PathKind{});
@@ -51,6 +80,13 @@ Views find_views(const RenderCommand& command, const ModelInfo& info) {
                 nearest_name_hint(command.views, names));
   }
   if (command.fps) views.path.fps = *command.fps;
+  if (command.camera && views.photos)
+    throw Error("--camera is for generated paths and camera path files", "--camera",
+                "leave it out: these views have their photos' cameras");
+  const PictureKind picture = command.camera.value_or(views.path.picture);
+  if (picture != views.path.picture) change_picture(picture, views.path);
+  if (picture != PictureKind::kPerspective && kind != kinds.end())
+    level(info.to_engine, views.path);
   return views;
 }
 
@@ -58,7 +94,7 @@ Views find_views(const RenderCommand& command, const ModelInfo& info) {
 // square pixels.
 Camera resized(const Camera& camera, int width, int height, bool photo) {
   if (width == camera.width && height == camera.height) return camera;
-  if (photo) return camera.scaled_to(width, height);
+  if (photo || is_panorama(camera)) return camera.scaled_to(width, height);
   Camera result = camera;
   const double factor = static_cast<double>(height) / camera.height;
   result.width = width;
@@ -78,9 +114,10 @@ Camera sized(const RenderCommand& command, const Camera& camera, bool photo) {
   return resized(camera, divided(camera.width), divided(camera.height), true);
 }
 
-void check_size(const Camera& camera, uint64_t memory_bytes) {
+void check_size(const Camera& camera, PictureKind picture, uint64_t memory_bytes) {
   const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
-  const uint64_t bytes = pixels * kBytesPerPixel;
+  // Both eyes' pictures stand beside the joined one.
+  const uint64_t bytes = (is_stereo(picture) ? 3 : 1) * pixels * kBytesPerPixel;
   if (bytes <= memory_bytes) return;
   throw Error(fmt::format("a picture of {}x{} needs {:.1f} GB of memory, and {:.1f} GB are there",
                           camera.width, camera.height, static_cast<double>(bytes) * 1e-9,
@@ -127,6 +164,15 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
   RenderPlan plan;
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;
+  plan.picture = views.path.picture;
+  const bool stereo = is_stereo(plan.picture);
+  if (command.ipd && !stereo)
+    throw Error("--ipd is for pictures of two eyes", "--ipd", "give --camera ods or vr180 too");
+  const double ipd = command.ipd.value_or(kDefaultIpd);
+  if (stereo && !command.ipd)
+    plan.notes.push_back(fmt::format(
+        "the eyes stand {} units of the capture apart, as if it were in metres: --ipd sets it",
+        ipd));
   if (command.background && !info.alpha && info.method != kGridMethod)
     plan.notes.emplace_back(
         "--background is not used: this model is of photos without alpha, learnt before black");
@@ -138,12 +184,27 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
     frame.camera = sized(command, view.camera, views.photos);
     frame.camera_to_world = view.camera_to_world;
     frame.color = unused(picture_file(view.name), used);
-    check_size(frame.camera, memory_bytes);
+    if (stereo) {
+      const Eye middle{frame.camera, frame.camera_to_world};
+      const Eye left = left_eye(plan.picture, middle, ipd);
+      frame.camera = left.camera;
+      frame.camera_to_world = left.camera_to_world;
+      frame.right = right_eye(plan.picture, middle, ipd);
+    }
+    check_size(frame.camera, plan.picture, memory_bytes);
     const double aspect = static_cast<double>(frame.camera.width) * view.camera.height /
                           (static_cast<double>(frame.camera.height) * view.camera.width);
     stretched |= command.size && views.photos && std::abs(aspect - 1) > 0.02;
     plan.frames.push_back(std::move(frame));
   }
+  if (const Camera& c = plan.frames.front().camera;
+      plan.picture != PictureKind::kPerspective &&
+      c.width != (plan.picture == PictureKind::kVr180 ? 1 : 2) * c.height)
+    plan.notes.push_back(fmt::format("{}x{} pixels are not {}: the panorama is stretched", c.width,
+                                     c.height,
+                                     plan.picture == PictureKind::kVr180
+                                         ? "as wide as high, as 180 x 180 degrees are"
+                                         : "twice as wide as high, as 360 x 180 degrees are"));
   if (stretched)
     plan.notes.emplace_back("--size has other proportions than the photos: pictures are stretched");
   if (command.depth)

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,19 +10,22 @@
 #include "nerf/math/vec.h"
 #include "nerf/model/model_info.h"
 #include "render_options.h"
+#include "stereo.h"
 
 namespace nerf::apps {
 
 struct PlannedFrame {
   std::string name;             // of the view
-  Camera camera;                // at the size to render
+  Camera camera;                // at the size to render; of a stereo picture the left eye's
   Pose camera_to_world;         // input coordinates
+  std::optional<Eye> right;     // of a stereo picture
   std::filesystem::path color;  // files, below the output folder
   std::filesystem::path depth;  // empty: not wanted
 };
 
 struct RenderPlan {
   std::vector<PlannedFrame> frames;
+  PictureKind picture = PictureKind::kPerspective;
   double fps = 30;
   std::vector<std::string> notes;  // for the user
 };
@@ -30,8 +34,9 @@ struct RenderPlan {
 std::filesystem::path find_model_file(const std::filesystem::path& run);
 
 // Throws Error for views that are neither a known word nor a file, what make_camera_path and
-// read_camera_path refuse, --frames where the views have a number of their own, pictures that do
-// not fit into `memory_bytes`, and pictures of different sizes where a video is wanted.
+// read_camera_path refuse, --frames and --camera where the views have their own, --ipd where there
+// are no two eyes, pictures that do not fit into `memory_bytes`, and pictures of different sizes
+// where a video is wanted.
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
                             uint64_t memory_bytes);
 

@@ -28,7 +28,7 @@ constexpr double kTurnShare = 0.5;
 struct Rig {
   std::vector<Pose> cameras;
   Vec3d middle;          // mean position
-  Vec3d focus;           // what the cameras look at
+  Vec3d focus;           // what the cameras look at; of panoramas the middle of the scene
   double distance = 1;   // mean distance from the focus, > 0
   bool outward = false;  // most cameras look away from the focus
   Arc arc;               // azimuths seen from the focus
@@ -77,7 +77,9 @@ Rig make_rig(const ModelInfo& info) {
   }
   const auto n = static_cast<double>(rig.cameras.size());
   rig.middle = rig.middle / n;
-  const auto meeting = nearest_point_to_axes(rig.cameras);
+  const auto views = training_views(info);
+  const bool around = std::ranges::all_of(views, [](auto* v) { return is_panorama(v->camera); });
+  const auto meeting = around ? std::optional(Vec3d()) : nearest_point_to_axes(rig.cameras);
   rig.focus = meeting ? *meeting : distant_focus(info, rig.cameras, rig.middle);
 
   double distance = 0;
@@ -86,7 +88,7 @@ Rig make_rig(const ModelInfo& info) {
   for (const Pose& c : rig.cameras) {
     const Vec3d from_focus = c.translation - rig.focus;
     distance += length(from_focus) / n;
-    away += dot(c.rotation.column(2), from_focus) > 0;
+    away += !around && dot(c.rotation.column(2), from_focus) > 0;
     // The azimuth of a camera above the focus says nothing; that of one at it neither.
     if (horizontal(from_focus) > 0.05 * length(from_focus))
       azimuths.push_back(std::atan2(from_focus.y, from_focus.x));
@@ -279,6 +281,11 @@ void add_views(CameraPath& path, const ModelInfo& info, bool held_out) {
 
 }  // namespace
 
+Camera panorama_of(PictureKind picture, int width, int height) {
+  NERF_CHECK(picture != PictureKind::kPerspective);
+  return panorama(width, height, picture == PictureKind::kVr180 ? kPi : 2 * kPi);
+}
+
 Camera path_camera(const ModelInfo& info) {
   const auto views = training_views(info);
   std::map<std::pair<int, int>, int> sizes;
@@ -294,7 +301,8 @@ Camera path_camera(const ModelInfo& info) {
     if (std::pair(c.width, c.height) != common) continue;
     fx.push_back(c.fx());
     fy.push_back(c.fy());
-    fisheye |= c.model == CameraModel::kOpenCVFisheye || c.model == CameraModel::kFov ||
+    fisheye |= is_panorama(c) || c.model == CameraModel::kOpenCVFisheye ||
+               c.model == CameraModel::kFov ||
                c.model == CameraModel::kSimpleRadialFisheye ||
                c.model == CameraModel::kRadialFisheye ||
                c.model == CameraModel::kThinPrismFisheye ||

@@ -129,15 +129,29 @@ Camera make_camera(CameraModel model, int width, int height, double fov_degrees)
   return camera;
 }
 
+struct CameraType {
+  const char* name;  // nerfstudio's
+  PictureKind picture;
+  CameraModel model;
+};
+constexpr CameraType kCameraTypes[] = {
+    {"perspective", PictureKind::kPerspective, CameraModel::kPinhole},
+    {"fisheye", PictureKind::kPerspective, CameraModel::kOpenCVFisheye},
+    {"equirectangular", PictureKind::kEquirectangular, CameraModel::kEquirectangular},
+    {"omnidirectional", PictureKind::kOds, CameraModel::kEquirectangular},
+    {"vr180", PictureKind::kVr180, CameraModel::kEquirectangular},
+};
+
+// Sets the path's kind of picture.
 CameraModel read_camera_type(const Entries& root, CameraPath& path) {
   if (!root.has("camera_type")) return CameraModel::kPinhole;
   const Json& type = root.required("camera_type");
-  if (type == "perspective") return CameraModel::kPinhole;
-  if (type == "fisheye") return CameraModel::kOpenCVFisheye;
   if (!type.is_string()) throw Error("expected a text", root.place_name("camera_type"));
-  if (type == "equirectangular" || type == "omnidirectional" || type == "vr180")
-    throw Error("camera_type " + type.get<std::string>() + " is not supported",
-                root.place_name("camera_type"), "use perspective or fisheye");
+  for (const CameraType& known : kCameraTypes) {
+    if (type != known.name) continue;
+    path.picture = known.picture;
+    return known.model;
+  }
   path.notes.push_back("unknown camera_type '" + type.get<std::string>() +
                        "' is read as perspective");
   return CameraModel::kPinhole;
@@ -170,7 +184,9 @@ CameraPath parse_camera_path(const std::string& json, const std::string& where,
     std::snprintf(number, sizeof(number), "_%04zu", i);
     frame.name = frame_prefix + number;
     frame.camera_to_world = read_pose(entry);
-    frame.camera = make_camera(model, width, height, entry.number("fov", 0.01, 179.9));
+    frame.camera = path.picture != PictureKind::kPerspective
+                       ? panorama_of(path.picture, width, height)
+                       : make_camera(model, width, height, entry.number("fov", 0.01, 179.9));
     if (entry.has("render_time")) frame.time = entry.number("render_time", 0, 1);
     path.frames.push_back(std::move(frame));
   }
@@ -186,7 +202,10 @@ void write_camera_path(const std::filesystem::path& path, const CameraPath& came
   if (camera_path.frames.empty()) throw Error("the camera path has no frames", path.string());
   const Camera& first = camera_path.frames.front().camera;
   Json root;
-  root["camera_type"] = first.model == CameraModel::kOpenCVFisheye ? "fisheye" : "perspective";
+  root["camera_type"] = "perspective";
+  for (const CameraType& type : kCameraTypes)
+    if (type.picture == camera_path.picture && type.model == first.model)
+      root["camera_type"] = type.name;
   root["render_width"] = first.width;
   root["render_height"] = first.height;
   root["fps"] = camera_path.fps;

@@ -17,8 +17,8 @@ namespace fs = std::filesystem;
 CameraModel colmap_camera_model(const Cursor& at, int64_t id) {
   if (const auto model = camera_model_from_id(id)) return *model;
   // Names of the ids that newer versions have given out, so that the message says which lens it is.
-  static constexpr std::array<std::string_view, 6> kNewer{
-      "SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR"};
+  static constexpr std::array<std::string_view, 5> kNewer{"SIMPLE_DIVISION", "DIVISION",
+                                                          "SIMPLE_FISHEYE", "FISHEYE", "EUCM"};
   std::string name = fmt::format("camera model id {}", id);
   if (id >= 12 && id < 12 + static_cast<int64_t>(kNewer.size())) {
     name += fmt::format(" ({})", kNewer[static_cast<size_t>(id - 12)]);
@@ -28,6 +28,10 @@ CameraModel colmap_camera_model(const Cursor& at, int64_t id) {
           "model, and use its output");
 }
 
+int colmap_camera_params(CameraModel model) {
+  return model == CameraModel::kEquirectangular ? 2 : camera_model_params(model);
+}
+
 void ColmapBuilder::add_camera(const Cursor& at, uint32_t id, CameraModel model, uint64_t width,
                                uint64_t height,
                                const std::array<double, kMaxCameraParams>& params) {
@@ -35,6 +39,7 @@ void ColmapBuilder::add_camera(const Cursor& at, uint32_t id, CameraModel model,
     at.fail(fmt::format("camera {} says {} x {} pixels", id, width, height), kImageSizeHint);
   }
   Camera camera{model, static_cast<int>(width), static_cast<int>(height), params};
+  if (is_panorama(camera)) camera = panorama(camera.width, camera.height);
   if (const auto problem = camera_problem(camera)) {
     at.fail(fmt::format("camera {} {}", id, *problem), kImageSizeHint);
   }

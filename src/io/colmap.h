@@ -58,6 +58,9 @@ class ColmapBuilder {
 // `id` as in cameras.bin: an Error that names it and the way out, where it is not one of ours.
 CameraModel colmap_camera_model(const Cursor& at, int64_t id);
 
+// How many parameters COLMAP's files give a camera. Of EQUIRECTANGULAR they are width and height.
+int colmap_camera_params(CameraModel model);
+
 // Read one file each; in this order.
 void read_colmap_cameras_binary(const std::filesystem::path& file, ColmapBuilder& builder);
 void read_colmap_images_binary(const std::filesystem::path& file, ColmapBuilder& builder);

@@ -12,7 +12,7 @@ namespace nerf::internal {
 void read_colmap_cameras_binary(const std::filesystem::path& file, ColmapBuilder& builder) {
   const auto bytes = read_file(file);
   ByteCursor in(file, bytes);
-  const uint64_t count = in.read_count("the number of cameras", 4 + 4 + 8 + 8 + 3 * 8);
+  const uint64_t count = in.read_count("the number of cameras", 4 + 4 + 8 + 8 + 2 * 8);
   for (uint64_t i = 0; i < count; ++i) {
     in.begin_record();
     const auto id = in.read<uint32_t>("a camera");
@@ -20,7 +20,7 @@ void read_colmap_cameras_binary(const std::filesystem::path& file, ColmapBuilder
     const auto width = in.read<uint64_t>("a camera");
     const auto height = in.read<uint64_t>("a camera");
     std::array<double, kMaxCameraParams> params{};
-    for (int p = 0; p < camera_model_params(model); ++p) {
+    for (int p = 0; p < colmap_camera_params(model); ++p) {
       params[static_cast<size_t>(p)] = in.read<double>("a camera's parameters");
     }
     builder.add_camera(in, id, model, width, height, params);

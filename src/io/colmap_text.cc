@@ -51,12 +51,12 @@ void read_colmap_cameras_text(const std::filesystem::path& file, ColmapBuilder& 
     const auto width = in.number<uint64_t>("an image width");
     const auto height = in.number<uint64_t>("an image height");
     std::array<double, kMaxCameraParams> params{};
-    for (int p = 0; p < camera_model_params(*model); ++p) {
+    for (int p = 0; p < colmap_camera_params(*model); ++p) {
       params[static_cast<size_t>(p)] = in.number<double>("a camera parameter");
     }
     if (!in.at_line_end()) {
       in.fail(fmt::format("{} has {} parameters, the line has more", name,
-                          camera_model_params(*model)));
+                          colmap_camera_params(*model)));
     }
     builder.add_camera(in, id, *model, width, height, params);
   }

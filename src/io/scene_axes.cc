@@ -93,6 +93,7 @@ Vec3d estimate_up(const std::vector<View>& views, std::vector<std::string>& warn
 }
 
 std::optional<Vec3d> estimate_focus(const std::vector<View>& views) {
+  if (views.empty()) return std::nullopt;
   std::vector<double> weights(views.size(), 1.0);
   Eigen::Vector3d focus = Eigen::Vector3d::Zero();
   std::vector<double> distance(views.size()), offset(views.size());

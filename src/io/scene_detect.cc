@@ -7,6 +7,7 @@
 #include <set>
 
 #include "nerf/io/capture_tools.h"
+#include "panoramas.h"
 #include "paths.h"
 
 namespace nerf::internal {
@@ -110,10 +111,18 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
                 photos.string(), "put the photos into images/ beside masks/");
   }
-  SceneInput input = read_colmap_scene(
-      run_colmap_on_photos(photos, {work_folder(run.options), run.options.run_folder},
-                           run.options.camera_model, run.progress, run.cancel));
-  input.format = "photos, " + input.format;
+  const CaptureFolders folders{work_folder(run.options), run.options.run_folder};
+  const bool panoramas =
+      run.options.camera_model == camera_model_name(CameraModel::kEquirectangular);
+  const std::vector<std::string> names = photos_below(photos, folders);
+  SceneInput input;
+  if (panoramas || are_panoramas(photos, names)) {
+    input = read_panoramas(photos, names, folders, run.progress, run.cancel);
+  } else {
+    input = read_colmap_scene(run_colmap_on_photos(photos, folders, run.options.camera_model,
+                                                   run.progress, run.cancel));
+    input.format = "photos, " + input.format;
+  }
   input.mask_folders = {mask_root / "masks"};
   return input;
 }

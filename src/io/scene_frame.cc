@@ -83,7 +83,9 @@ Level make_level(const Scene& scene, const Mat3d& rotation) {
   level.rotation = rotation;
   for (const View& view : scene.views) {
     level.cameras.push_back(rotation * view.pose.translation);
-    level.forward.push_back(rotation * view.pose.rotation.column(2));
+    // A panorama looks nowhere in particular.
+    const bool around = is_panorama(scene.cameras[static_cast<size_t>(view.camera)]);
+    level.forward.push_back(around ? Vec3d() : rotation * view.pose.rotation.column(2));
   }
   const std::vector<char> good = supported_points(scene.points);
   for (size_t i = 0; i < scene.points.size(); ++i) {
@@ -95,6 +97,14 @@ Level make_level(const Scene& scene, const Mat3d& rotation) {
   level.spread = quantile(distances, 0.5);
   if (level.spread == 0) level.spread = quantile(distances, 1);
   return level;
+}
+
+// Those whose optical axis says what they look at.
+std::vector<View> views_with_axis(const Scene& scene) {
+  std::vector<View> views;
+  for (const View& view : scene.views)
+    if (!is_panorama(scene.cameras[static_cast<size_t>(view.camera)])) views.push_back(view);
+  return views;
 }
 
 // Tangent of half the smaller field of view, at most that of 100 degrees.
@@ -264,7 +274,7 @@ void choose_frame(const SceneInput& input, Scene& scene) {
     throw Error("all cameras stand at one point: there is no parallax to reconstruct from",
                 scene.root.string(), "photos must be taken from different places");
   }
-  auto focus = estimate_focus(scene.views);
+  auto focus = estimate_focus(views_with_axis(scene));
   if (focus) focus = rotation * *focus;
 
   Region region;

@@ -2,6 +2,7 @@
 // terabytes or overflow the geometry.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -32,6 +33,11 @@ inline std::optional<std::string> camera_problem(const Camera& camera) {
     if (!(std::abs(p) <= 1e12)) return "has a parameter that is not finite";
   }
   if (!(camera.fx() > 0 && camera.fy() > 0)) return "has a focal length that is not positive";
+  if (is_panorama(camera) && std::abs(w - 2 * h) > std::max<int64_t>(2, w / 50)) {
+    return "is EQUIRECTANGULAR of " + std::to_string(w) + " x " + std::to_string(h) +
+           " pixels, but 360 x 180 degrees are twice as wide as high: a cropped panorama must be "
+           "laid into its whole frame again";
+  }
   // A lens that sees nothing in the middle of its picture would give no ray at all.
   if (!unproject(camera, {w / 2.0, h / 2.0})) {
     return "has lens parameters that give the middle of the picture no direction";

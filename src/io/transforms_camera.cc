@@ -1,5 +1,7 @@
 // Conventions: nerfstudio's data format (docs, "Data conventions") and instant-ngp's nerf_loader:
-// pixel coordinates and distortion as OpenCV's, the principal point with pixel centres at 0.5.
+// pixel coordinates and distortion as OpenCV's, the principal point with pixel centres at 0.5. An
+// equirectangular picture is nerfstudio's EQUIRECTANGULAR and instant-ngp's "latlong" (its
+// "equirectangular" is a cylindrical equal-area projection).
 #include "transforms_camera.h"
 
 #include <fmt/format.h>
@@ -59,16 +61,18 @@ FrameSize frame_size(const FrameJson& frame) {
 
 namespace {
 
-enum class LensKind { kPerspective, kFullOpenCV, kFisheye };
+enum class LensKind { kPerspective, kFullOpenCV, kFisheye, kPanorama };
 
 LensKind lens_kind(const FrameJson& frame) {
-  for (const char* key : {"ftheta_p0", "latlong", "equirectangular"}) {
+  for (const char* key : {"ftheta_p0", "equirectangular"}) {
     if (frame.find(key) != nullptr && (key[0] == 'f' || frame.flag(key))) {
       frame.fail(fmt::format("the lens that \"{}\" describes is not supported", key),
-                 "perspective and OPENCV_FISHEYE lenses are; undistort the images");
+                 "perspective, OPENCV_FISHEYE and EQUIRECTANGULAR ones are; undistort the images");
     }
   }
   const std::string model = frame.text("camera_model");
+  if (model == "EQUIRECTANGULAR" || model == "SPHERICAL" || frame.flag("latlong"))
+    return LensKind::kPanorama;
   if (model == "FULL_OPENCV") return LensKind::kFullOpenCV;
   for (const char* known : {"OPENCV_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"}) {
     if (model == known) return LensKind::kFisheye;
@@ -79,7 +83,8 @@ LensKind lens_kind(const FrameJson& frame) {
   }
   frame.fail(fmt::format("camera_model {} is not supported", printable(model)),
              "known: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, "
-             "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE; undistort the images");
+             "SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE, EQUIRECTANGULAR; undistort "
+             "the images");
 }
 
 // Focal length of one axis: given, or from the field of view over the image's side.
@@ -95,9 +100,27 @@ std::optional<double> focal(const FrameJson& frame, const char* length, const ch
   return 0.5 * side / std::tan(0.5 * *fov);
 }
 
+// The whole sphere, whatever the file says of a focal length: programs write half of the width,
+// the height, or a number that means nothing.
+Camera panorama_camera(const FrameJson& frame, const FrameSize& size, std::string* warning) {
+  for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
+    if (frame.number(key).value_or(0) != 0)
+      *warning = "the distortion of EQUIRECTANGULAR pictures is not used";
+  const auto off = [&](const char* key, int side) {
+    return std::abs(frame.number(key).value_or(0.5 * side) - 0.5 * side) > 1;
+  };
+  if (off("cx", size.width) || off("cy", size.height))
+    *warning = "cx and cy of EQUIRECTANGULAR pictures are not used: forward is in the middle";
+  const Camera camera = panorama(size.width, size.height);
+  if (const auto problem = camera_problem(camera)) frame.fail("the camera " + *problem);
+  return camera;
+}
+
 }  // namespace
 
 Camera frame_camera(const FrameJson& frame, const FrameSize& size, std::string* warning) {
+  const LensKind kind = lens_kind(frame);
+  if (kind == LensKind::kPanorama) return panorama_camera(frame, size, warning);
   auto fx = focal(frame, "fl_x", "camera_angle_x", size.width);
   auto fy = focal(frame, "fl_y", "camera_angle_y", size.height);
   if (!fx) fx = fy;
@@ -116,7 +139,6 @@ Camera frame_camera(const FrameJson& frame, const FrameSize& size, std::string* 
   Camera camera;
   camera.width = size.width;
   camera.height = size.height;
-  const LensKind kind = lens_kind(frame);
   if (kind == LensKind::kFisheye) {
     camera.model = CameraModel::kOpenCVFisheye;
     camera.params = {*fx, *fy, cx, cy, k1, k2, k3, k4};

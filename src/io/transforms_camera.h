@@ -30,7 +30,8 @@ FrameSize frame_size(const FrameJson& frame);
 
 // Camera for an image of this size. Focal lengths from fl_x, fl_y or camera_angle_x,
 // camera_angle_y; principal point from cx, cy or the middle; lens from camera_model, is_fisheye,
-// k1.. p1 p2. `warning` is set where a value could not be used.
+// latlong, k1.. p1 p2; an equirectangular picture is the whole sphere. `warning` is set where a
+// value could not be used.
 Camera frame_camera(const FrameJson& frame, const FrameSize& size, std::string* warning);
 
 }  // namespace nerf::internal

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "panorama.h"
 #include "polynomial.h"
 
 namespace nerf {
@@ -48,6 +49,7 @@ Lens make_lens(const Camera& camera) {
     case CameraModel::kSimplePinhole:
     case CameraModel::kPinhole:
     case CameraModel::kFov:
+    case CameraModel::kEquirectangular:  // panorama.cc
       break;
     case CameraModel::kSimpleRadialFisheye:
       lens.fisheye = true;
@@ -234,6 +236,7 @@ bool finite(const Vec3d& v) { return finite(Vec2d{v.x, v.y}) && std::isfinite(v.
 }  // namespace
 
 std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction) {
+  if (is_panorama(camera)) return internal::project_panorama(camera, direction);
   const Lens lens = make_lens(camera);
   if (!usable(camera, lens) || !finite(direction)) return std::nullopt;
   Vec2d uv;
@@ -289,21 +292,26 @@ std::optional<Vec3d> unproject(const Camera& camera, const Lens& lens, const Vec
 }  // namespace
 
 std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
+  if (is_panorama(camera)) return internal::unproject_panorama(camera, pixel);
   const Lens lens = make_lens(camera);
   return usable(camera, lens) ? unproject(camera, lens, pixel) : std::nullopt;
 }
 
 void unproject_row(const Camera& camera, int x, int y, std::span<Vec3d> out) {
   const Lens lens = make_lens(camera);
-  const bool seen = usable(camera, lens);
+  const bool around = is_panorama(camera), seen = usable(camera, lens);
   for (Vec3d& direction : out) {
-    const auto d = seen ? unproject(camera, lens, {x + 0.5, y + 0.5}) : std::nullopt;
+    const Vec2d pixel{x + 0.5, y + 0.5};
+    const auto d = around ? internal::unproject_panorama(camera, pixel)
+                   : seen ? unproject(camera, lens, pixel)
+                          : std::nullopt;
     direction = d ? normalized(*d) : Vec3d();
     ++x;
   }
 }
 
 double pixel_cone_radius(const Camera& camera, const Vec2d& pixel) {
+  if (is_panorama(camera)) return internal::panorama_cone_radius(camera, pixel);
   const auto here = unproject(camera, pixel);
   const auto right = unproject(camera, {pixel.x + 1, pixel.y});
   const auto below = unproject(camera, {pixel.x, pixel.y + 1});

@@ -15,7 +15,7 @@ struct ModelRow {
   int focals;  // 1: f, cx, cy, ...   2: fx, fy, cx, cy, ...
 };
 
-constexpr std::array<ModelRow, 12> kModels{{
+constexpr std::array<ModelRow, 13> kModels{{
     {CameraModel::kSimplePinhole, "SIMPLE_PINHOLE", 3, 1},
     {CameraModel::kPinhole, "PINHOLE", 4, 2},
     {CameraModel::kSimpleRadial, "SIMPLE_RADIAL", 4, 1},
@@ -28,13 +28,19 @@ constexpr std::array<ModelRow, 12> kModels{{
     {CameraModel::kRadialFisheye, "RADIAL_FISHEYE", 5, 1},
     {CameraModel::kThinPrismFisheye, "THIN_PRISM_FISHEYE", 12, 2},
     {CameraModel::kRadTanThinPrismFisheye, "RAD_TAN_THIN_PRISM_FISHEYE", 16, 2},
+    {CameraModel::kEquirectangular, "EQUIRECTANGULAR", 5, 2},
 }};
 
+const ModelRow* find_row(int64_t id) {
+  const auto it = std::ranges::find_if(
+      kModels, [&](const ModelRow& r) { return static_cast<int32_t>(r.model) == id; });
+  return it == kModels.end() ? nullptr : &*it;
+}
+
 const ModelRow& row(CameraModel model) {
-  const auto id = static_cast<int32_t>(model);
-  NERF_CHECK_GE(id, 0);
-  NERF_CHECK_LT(id, static_cast<int32_t>(kModels.size()));
-  return kModels[static_cast<size_t>(id)];
+  const ModelRow* found = find_row(static_cast<int32_t>(model));
+  NERF_CHECK(found != nullptr);
+  return *found;
 }
 
 // The model with two focal lengths that, with further coefficients zero, is the same lens.
@@ -59,8 +65,8 @@ std::string_view camera_model_name(CameraModel model) { return row(model).name; 
 int camera_model_params(CameraModel model) { return row(model).params; }
 
 std::optional<CameraModel> camera_model_from_id(int64_t id) {
-  if (id < 0 || id >= static_cast<int64_t>(kModels.size())) return std::nullopt;
-  return kModels[static_cast<size_t>(id)].model;
+  const ModelRow* found = find_row(id);
+  return found ? std::optional(found->model) : std::nullopt;
 }
 
 std::optional<CameraModel> camera_model_from_name(std::string_view name) {
@@ -118,6 +124,12 @@ Camera Camera::rows(int first, int count) const {
   part.height = count;
   part.params[row(model).focals == 2 ? 3 : 2] -= first;
   return part;
+}
+
+Camera Camera::in_unit(double scale) const {
+  Camera moved = *this;
+  if (model == CameraModel::kEquirectangular) moved.params[4] *= scale;
+  return moved;
 }
 
 }  // namespace nerf

@@ -63,29 +63,34 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
     int64_t asked = 0, coloured = 0, cast_rays = 0;
     std::vector<NetworkRay> rays;
     std::vector<int64_t> pixel_of;
-    std::vector<double> forward;  // cosine between ray and optical axis
+    std::vector<Pose> from;       // where the rays begin
+    std::vector<double> forward;  // depth_per_distance()
     for (int64_t chunk = item * kChunksPerItem;
          chunk < std::min(chunks, (item + 1) * kChunksPerItem); ++chunk) {
       rays.clear();
       pixel_of.clear();
+      from.clear();
       forward.clear();
       for (int64_t p = chunk * per_chunk; p < std::min(pixels, (chunk + 1) * per_chunk); ++p) {
         const Vec2d at{static_cast<double>(p % camera.width) + 0.5,
                        static_cast<double>(p / camera.width) + 0.5};
         for (int k = 0; k < 3; ++k) frame.rgb[static_cast<size_t>(3 * p + k)] = background[k];
-        const auto cast = cast_ray(field, camera, pose, at);
+        const Pose begin = ray_pose(camera, pose, at);
+        const auto cast = cast_ray(field, camera, begin, at);
         if (!cast) continue;
         NetworkRay ray = *cast;
         ray.background = background;
         if (box) {
-          double from = 0, to = std::numeric_limits<double>::infinity();
-          if (!box->clip(pose.translation, ray.view.cast<double>(), from, to)) continue;
-          ray.drawn_from = static_cast<Real>(ray_parameter(field, pose, ray, from));
-          ray.drawn_to = static_cast<Real>(ray_parameter(field, pose, ray, to));
+          double near = 0, far = std::numeric_limits<double>::infinity();
+          if (!box->clip(begin.translation, ray.view.cast<double>(), near, far)) continue;
+          ray.drawn_from = static_cast<Real>(ray_parameter(field, begin, ray, near));
+          ray.drawn_to = static_cast<Real>(ray_parameter(field, begin, ray, far));
         }
         rays.push_back(ray);
         pixel_of.push_back(p);
-        forward.push_back(dot(ray.view.cast<double>(), pose.rotation.column(2)));
+        from.push_back(begin);
+        forward.push_back(
+            depth_per_distance(camera, pose.rotation.transposed() * ray.view.cast<double>()));
       }
       if (rays.empty()) continue;
       own->forward(rays, 1);
@@ -100,7 +105,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
         for (size_t k = 0; k < 3; ++k)
           frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0_r, 1.0_r);
         const double t = static_cast<double>(own->median_distance(static_cast<int>(r)));
-        const double distance = t < 0 ? 0 : ray_distance(field, pose, rays[r], t);
+        const double distance = t < 0 ? 0 : ray_distance(field, from[r], rays[r], t);
         const double depth = distance * forward[r] / info.to_engine.scale;
         frame.depth_z[p] = std::isfinite(depth) ? static_cast<Real>(depth) : 0.0_r;
       }

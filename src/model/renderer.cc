@@ -70,7 +70,8 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress, const Cancel* cancel) {
   const ModelInfo& info = radiance.info();
-  const auto render_part = [&](const Camera& part, const std::function<void(double)>& at) {
+  const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
+    const Camera part = given.in_unit(info.to_engine.scale);
     return radiance.is_grid()
                ? render_grid(radiance.grid(), info, part, camera_to_world, options, pool, at,
                              cancel)

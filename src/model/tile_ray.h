@@ -18,9 +18,18 @@ struct TileRay {
   Real median = -1;           // distance at which half of the light is stopped
   Vec3 entry, direction;      // of the march, engine coordinates
   double start = 0;           // of the march, from the camera
-  Real forward = 1;           // cosine between ray and optical axis
+  Real forward = 1;           // depth_per_distance()
   Real radius = 0;            // of the pixel's cone at distance 1; GridOptions::sees_cones
   bool finished = false;
 };
+
+// Adds n features of a sample of weight w to its ray's.
+inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
+  constexpr size_t kUsual = 16;
+  if (n == kUsual)
+    for (size_t f = 0; f < kUsual; ++f) sums[f] += w * x[f];
+  else
+    for (size_t f = 0; f < n; ++f) sums[f] += w * x[f];
+}
 
 }  // namespace nerf::internal

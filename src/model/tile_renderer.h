@@ -106,6 +106,8 @@ class TileRenderer {
     return directions_[static_cast<size_t>((y - tile_y_) * tile_width_ + x - tile_x_)];
   }
 
+  Pose pose_of(int x, int y) const { return ray_pose(camera_, pose_, {x + 0.5, y + 0.5}); }
+
   // A distance before which none of these pixels' rays meets matter, at least `near`.
   double clear_distance(int x0, int y0, int x1, int y1, double near) const {
     if (options_.unclipped) return 0;
@@ -119,8 +121,13 @@ class TileRenderer {
     const Vec3d axis = normalized(sum);
     double spread = 0;
     each([&](const Vec3d& d) { spread = std::max(spread, dot(d - axis, d - axis)); });
+    // Columns differ in where their rays begin: none is further away than the whole tile's width.
+    const Vec3d origin = pose_of(x0, y0).translation;
+    double width = 0;
+    for (int x = x0; x < x1; ++x)
+      width = std::max(width, length(pose_of(x, y0).translation - origin));
     return clear_until(field_.occupancy,
-                       {pose_.translation, pose_.rotation * axis, std::sqrt(spread), near});
+                       {origin, pose_.rotation * axis, std::sqrt(spread), near, width});
   }
 
   // Places the samples of a pixel's ray, which meets no matter before `clear`.
@@ -130,7 +137,7 @@ class TileRenderer {
     const Vec3d& in_camera = direction_of(x, y);
     if (in_camera == Vec3d()) return finish(ray);
     Ray line;
-    line.origin = pose_.translation;
+    line.origin = pose_of(x, y).translation;
     line.direction = pose_.rotation * in_camera;
     line.near = near_;
     line.clear = clear;
@@ -144,7 +151,7 @@ class TileRenderer {
     ray.entry = sampler_.entry();
     ray.direction = line.direction.cast<Real>();
     ray.start = sampler_.start();
-    ray.forward = static_cast<Real>(in_camera.z);
+    ray.forward = static_cast<Real>(depth_per_distance(camera_, in_camera));
     if (field_.options.sees_cones())
       ray.radius = static_cast<Real>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
     ray.begin = ray.next = t_.size();
@@ -284,14 +291,6 @@ class TileRenderer {
     if (ray.next < ray.end && !(transmittance < options_.stop_transmittance)) return;
     if (!per_ray || 1 - transmittance > options_.unshaded) add_shaded(r, shared);
     finish(ray);
-  }
-
-  static void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
-    constexpr size_t kUsual = 16;
-    if (n == kUsual)
-      for (size_t f = 0; f < kUsual; ++f) sums[f] += w * x[f];
-    else
-      for (size_t f = 0; f < n; ++f) sums[f] += w * x[f];
   }
 
   size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }

@@ -59,12 +59,12 @@ double clear_until(const OccupancyGrid& grid, const Beam& beam) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
   const Box3& box = grid.occupied_box();
   if (box.empty()) return kNever;
-  const double end = farthest_of_box(beam.origin, box);
+  const double end = farthest_of_box(beam.origin, box) + beam.width;
   double t = beam.near;
   while (t < end) {
     const Clear clear = clear_around(grid, beam.origin + beam.axis * t);
-    // Rays at distance t are within t * spread of the axis.
-    const double step = (clear.radius - t * beam.spread) / (1 + beam.spread);
+    // Rays at distance t are within width + t * spread of the axis.
+    const double step = (clear.radius - beam.width - t * beam.spread) / (1 + beam.spread);
     if (!(step > clear.worth)) return t;
     t += step;
   }

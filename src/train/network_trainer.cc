@@ -82,6 +82,8 @@ NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
     if (!(dot(pose.translation - centre, z) < scene.near))
       refuse("a camera stands before the nearest content of the others");
   }
+  for (const int v : scene.train)
+    if (is_panorama(photos.cameras[static_cast<size_t>(v)])) refuse("a panorama sees all around");
   const Camera& camera = photos.cameras[static_cast<size_t>(scene.train.front())];
   frame.scale_x = camera.fx() / (0.5 * camera.width);
   frame.scale_y = camera.fy() / (0.5 * camera.height);

@@ -50,17 +50,24 @@ bool PixelSource::draw(Random& random, Pixel& out) const {
   return locate(random, nullptr, out) && read(out);
 }
 
-// A place in one of the photos.
+// A place in one of the photos: each pixel as often as the others, of a panorama each solid angle.
 void PixelSource::choose(Random& random, Pixel& out) const {
-  const uint64_t at = random.below(pixels_before_.back());
-  out.source =
-      static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
-                          pixels_before_.begin() - 1);
-  out.photo = &photos_.photos[static_cast<size_t>(views_[out.source])];
-  const uint64_t pixel = at - pixels_before_[out.source];
-  const uint64_t width = static_cast<uint64_t>(out.photo->width);
-  out.x = static_cast<int>(pixel % width);
-  out.y = static_cast<int>(pixel / width);
+  for (;;) {
+    const uint64_t at = random.below(pixels_before_.back());
+    out.source =
+        static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
+                            pixels_before_.begin() - 1);
+    const size_t view = static_cast<size_t>(views_[out.source]);
+    out.photo = &photos_.photos[view];
+    const uint64_t pixel = at - pixels_before_[out.source];
+    const uint64_t width = static_cast<uint64_t>(out.photo->width);
+    out.x = static_cast<int>(pixel % width);
+    out.y = static_cast<int>(pixel / width);
+    // The poles of a panorama are many pixels and little to see.
+    const Camera& camera = photos_.cameras[view];
+    if (!is_panorama(camera)) return;
+    if (static_cast<double>(random.uniform()) < relative_solid_angle(camera, out.y + 0.5)) return;
+  }
 }
 
 bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out, int block) const {

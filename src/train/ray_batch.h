@@ -36,8 +36,8 @@ class PixelSource {
 
     Vec2d centre() const { return {x + 0.5 * width, y + 0.5 * height}; }
   };
-  // A pixel drawn uniformly over all training photos; false where it is masked out or the lens has
-  // no ray for it (the draw then counts as nothing).
+  // A pixel drawn uniformly over all training photos (in panoramas over the sphere); false where it
+  // is masked out or the lens has no ray for it (the draw then counts as nothing).
   bool draw(Random& random, Pixel& out) const;
   // A pixel of the i-th training photo, from the middle `share` of its width and height.
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;

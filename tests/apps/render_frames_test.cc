@@ -55,6 +55,47 @@ std::vector<std::string> tree(const fs::path& folder) {
   return files;
 }
 
+// Left over right or beside it, in colour and in depth.
+TEST(RenderFrames, JoinsTheEyes) {
+  for (const PictureKind picture : {PictureKind::kOds, PictureKind::kVr180}) {
+    const TempFolder folder;
+    RenderPlan plan = plan_of({"a.png"});
+    plan.picture = picture;
+    PlannedFrame& f = plan.frames[0];
+    f.camera_to_world.translation.x = 1;
+    f.right = Eye{f.camera, f.camera_to_world};
+    f.right->camera_to_world.translation.x = 3;
+    Progress progress = silent();
+    const Cancel cancel;
+    double last = 0;
+    const auto files = render_frames(
+        plan, folder.path(),
+        [&](const Camera& camera, const Pose& pose, bool preview,
+            const std::function<void(double)>& report) {
+          if (!preview) {
+            EXPECT_GE(pose.translation.x, last);
+            last = pose.translation.x;
+          }
+          report(1);
+          return flat_frame(camera, pose);
+        },
+        progress, cancel);
+    EXPECT_EQ(files.depth.near, 2);
+    EXPECT_EQ(files.depth.far, 4);
+    const bool over = picture == PictureKind::kOds;
+    const Image8 colour = read_image_8bit(folder.path() / "a.png");
+    ASSERT_EQ(colour.width, over ? 16 : 32);
+    ASSERT_EQ(colour.height, over ? 16 : 8);
+    for (int y = 0; y < colour.height; ++y)
+      for (int x = 0; x < colour.width; ++x) {
+        const bool right = over ? y >= 8 : x >= 16;
+        ASSERT_EQ(colour.pixels[static_cast<size_t>(3 * (y * colour.width + x))], right ? 153 : 51)
+            << x << ' ' << y;
+      }
+    EXPECT_EQ(read_image_info(folder.path() / "depth" / "a.png").width, colour.width);
+  }
+}
+
 TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
   const TempFolder folder;
   const fs::path out = folder.path() / "new" / "out";

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <numbers>
+
 #include "nerf/base/error.h"
 #include "nerf/math/camera_paths.h"
 #include "run_program.h"
@@ -144,6 +146,74 @@ TEST(RenderPlan, PathFilesAndFramesPerSecond) {
   EXPECT_EQ(make_render_plan(c, {}, kPlenty).fps, 25);
   c.frames = 3;
   EXPECT_NE(error_of(c, {}).find("--frames"), std::string::npos);
+}
+
+TEST(RenderPlan, GeneratedPathsShowPanoramasLevel) {
+  const ModelInfo info = model({"a", "b", "c", "d"});
+  RenderCommand c = command("orbit");
+  c.frames = 3;
+  c.camera = PictureKind::kEquirectangular;
+  auto plan = make_render_plan(c, info, kPlenty);
+  ASSERT_EQ(plan.frames.size(), 3u);
+  EXPECT_TRUE(plan.notes.empty() || plan.notes[0].find("one side") != std::string::npos);
+  for (const PlannedFrame& f : plan.frames) {
+    EXPECT_EQ(f.camera.params, panorama(2048, 1024).params);
+    EXPECT_FALSE(f.right);
+    EXPECT_LT(length(f.camera_to_world.rotation.column(1) - Vec3d{0, 0, -1}), 1e-9)
+        << "the orbit's camera looks down";
+  }
+  c.size = ImageSize{400, 200};
+  c.camera = PictureKind::kVr180;
+  c.ipd = 0.2;
+  plan = make_render_plan(c, info, kPlenty);
+  EXPECT_NE(plan.notes.back().find("stretched"), std::string::npos);
+  for (const PlannedFrame& f : plan.frames) {
+    EXPECT_EQ(f.camera.width, 400);
+    EXPECT_DOUBLE_EQ(f.camera.fx(), 400 / std::numbers::pi);
+    EXPECT_DOUBLE_EQ(f.camera.fy(), 200 / std::numbers::pi);
+    ASSERT_TRUE(f.right);
+    const Vec3d apart = f.right->camera_to_world.translation - f.camera_to_world.translation;
+    EXPECT_LT(length(apart - f.camera_to_world.rotation.column(0) * 0.2), 1e-9);
+  }
+}
+
+TEST(RenderPlan, EyesOfOdsAreTheCamerasOwn) {
+  const TempFolder folder;
+  const fs::path file = folder.path() / "tour.json";
+  write_text(file, R"({"camera_type": "omnidirectional", "render_width": 64, "render_height": 32,
+    "camera_path": [{"camera_to_world": [1,0,0,3, 0,1,0,0, 0,0,1,0, 0,0,0,1], "fov": 50}]})");
+  RenderCommand c = command(file.string());
+  c.downscale = 2;
+  const auto plan = make_render_plan(c, {}, kPlenty);
+  ASSERT_EQ(plan.frames.size(), 1u);
+  EXPECT_EQ(plan.picture, PictureKind::kOds);
+  EXPECT_NE(plan.notes.at(0).find("--ipd"), std::string::npos);
+  const PlannedFrame& f = plan.frames[0];
+  ASSERT_TRUE(f.right);
+  Camera eye = panorama(32, 16);
+  eye.params[4] = -0.032;
+  EXPECT_EQ(f.camera.params, eye.params);
+  eye.params[4] = 0.032;
+  EXPECT_EQ(f.right->camera.params, eye.params);
+  EXPECT_EQ(f.right->camera_to_world.translation, f.camera_to_world.translation);
+}
+
+TEST(RenderPlan, MistakesAboutPanoramasAreNamed) {
+  const ModelInfo info = model({"a", "b", "c"});
+  RenderCommand c = command("test");
+  c.camera = PictureKind::kOds;
+  EXPECT_NE(error_of(c, info).find("--camera is for generated paths"), std::string::npos);
+  c = command("orbit");
+  c.ipd = 0.1;
+  EXPECT_NE(error_of(c, info).find("--ipd is for pictures of two eyes"), std::string::npos);
+  const TempFolder folder;
+  const fs::path file = folder.path() / "tour.json";
+  write_text(file, R"({"camera_type": "vr180", "render_width": 64, "render_height": 64,
+    "camera_path": [{"camera_to_world": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]}]})");
+  c = command(file.string());
+  EXPECT_EQ(error_of(c, info), "");
+  c.camera = PictureKind::kPerspective;
+  EXPECT_NE(error_of(c, info).find("says no field of view"), std::string::npos);
 }
 
 TEST(RenderPlan, MistakesAreNamed) {

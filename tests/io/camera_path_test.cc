@@ -341,6 +341,26 @@ TEST(CameraPath, PathCameraIsTheCommonOneWithoutDistortion) {
   EXPECT_EQ(path_camera(info).fx(), 32) << "a pinhole of 90 degrees";
 }
 
+// The orbit of panoramas with any headings turns round the middle of the scene and looks at it.
+TEST(CameraPath, PanoramasAreTakenForNoDirection) {
+  for (const double heading : {0.0, 2.0}) {
+    ModelInfo info = ring(12, 2 * kPi, {0, 0, 0});
+    for (ModelView& view : info.views) {
+      view.camera = panorama(128, 64);
+      Pose pose = info.to_engine.apply(view.pose);
+      pose.rotation = look_rotation({std::cos(heading), std::sin(heading), 0}, {0, 0, 1});
+      view.pose = info.to_engine.apply_inverse(pose);
+    }
+    EXPECT_EQ(path_camera(info).model, CameraModel::kPinhole);
+    EXPECT_EQ(path_camera(info).fx(), 64) << "90 degrees wide";
+    for (const PathFrame& frame : make_camera_path(info, PathKind::kOrbit, {8, 30}).frames) {
+      const Pose pose = engine_pose(info, frame);
+      EXPECT_NEAR(std::hypot(pose.translation.x, pose.translation.y), 2, 1e-9);
+      EXPECT_LT(length(pose.rotation.column(2) + normalized(pose.translation)), 1e-9);
+    }
+  }
+}
+
 TEST(CameraPath, DegenerateCaptures) {
   const auto all = {PathKind::kOrbit, PathKind::kSpiral, PathKind::kSpherified, PathKind::kEllipse};
   ModelInfo none;

@@ -118,6 +118,25 @@ TEST(Colmap, RigsAndFramesDoNotChangeThePosesOfImages) {
   expect_same(read_colmap_model(folder / "old"), read);
 }
 
+// COLMAP 4's model 17 says width and height once more.
+TEST(Colmap, PanoramasAreTheWholeSphere) {
+  TestModel model = ring_model();
+  model.cameras[0] = {1, 17, 80, 40, {80, 40}};
+  TempFolder folder;
+  write_binary(model, folder / "bin");
+  write_colmap_text(model, folder / "txt");
+  for (const char* kind : {"bin", "txt"}) {
+    const ColmapModel read = read_colmap_model(folder / kind);
+    ASSERT_EQ(read.cameras.size(), 1u);
+    EXPECT_EQ(read.cameras[0].model, CameraModel::kEquirectangular);
+    EXPECT_EQ(read.cameras[0].params, panorama(80, 40).params);
+  }
+  model.cameras[0].height = 60;
+  write_binary(model, folder / "bin");
+  EXPECT_TRUE(contains(error_of([&] { read_colmap_model(folder / "bin"); }),
+                       "camera 1 is EQUIRECTANGULAR of 80 x 60 pixels"));
+}
+
 TEST(Colmap, IdsMayHaveGapsAndAnyOrder) {
   TestModel model = ring_model(3, 2);
   model.cameras[0].id = 4000000000u;

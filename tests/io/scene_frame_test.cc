@@ -361,6 +361,33 @@ TEST(ChooseFrame, BoundedOnlyWhereEverythingLiesBetweenTheCameras) {
   EXPECT_TRUE(one_side.scene.unbounded);
 }
 
+// Where a panorama's forward axis points says nothing of the scene: cameras on a ring with any
+// headings stay in the middle of the frame.
+TEST(ChooseFrame, PanoramasLookNowhere) {
+  std::vector<Similarity> frames;
+  for (const double turn : {0.0, 0.4, 2.0}) {
+    std::vector<Pose> poses;
+    for (int i = 0; i < 24; ++i) {
+      const double a = 2 * kPi * i / 24;
+      const Vec3d position{4 * std::cos(a) + 7, 4 * std::sin(a), 1};
+      poses.push_back(look_at(position, position + Vec3d{std::cos(turn), std::sin(turn), 0}));
+    }
+    Capture capture(poses);
+    capture.scene.cameras = {panorama(64, 32)};
+    capture.choose();
+    EXPECT_TRUE(capture.scene.unbounded);
+    EXPECT_LT(length(capture.scene.to_engine.center - Vec3d{7, 0, 1}), 0.6);
+    EXPECT_LE(capture.largest_camera_coordinate(), 1);
+    EXPECT_GT(capture.largest_camera_coordinate(), 0.9);
+    EXPECT_LT(angle(capture.scene.report.up, {0, 0, 1}), 1e-6);
+    frames.push_back(capture.scene.to_engine);
+  }
+  for (const Similarity& f : frames) {
+    EXPECT_EQ(f.scale, frames[0].scale);
+    EXPECT_EQ(f.center, frames[0].center);
+  }
+}
+
 TEST(ChooseFrame, CamerasAtOnePointAreAnError) {
   std::vector<Pose> poses = arc(10, 300);
   for (Pose& p : poses) p.translation = {1, 2, 3};

@@ -64,6 +64,41 @@ TEST_F(Transforms, PosesBecomeOpenCV) {
   EXPECT_EQ(input.cameras[0].cx(), 21);
 }
 
+TEST_F(Transforms, PanoramasAreTheWholeSphere) {
+  json root = transforms();
+  root["w"] = 80;
+  root["h"] = 40;
+  root["cx"] = 40;
+  root["cy"] = 20;
+  json latlong = root;
+  root["camera_model"] = "EQUIRECTANGULAR";
+  latlong["latlong"] = true;
+  for (json& file : std::array{std::ref(root), std::ref(latlong)}) {
+    const SceneInput input = read(file);
+    ASSERT_EQ(input.cameras.size(), 1u);
+    EXPECT_EQ(input.cameras[0].model, CameraModel::kEquirectangular);
+    EXPECT_EQ(input.cameras[0].params, panorama(80, 40).params) << "fl_x is no scale of it";
+    EXPECT_TRUE(input.warnings.empty());
+  }
+  root.erase("fl_x");
+  root.erase("fl_y");
+  root["k1"] = 0.1;
+  const SceneInput distorted = read(root);
+  EXPECT_EQ(distorted.cameras[0].params, panorama(80, 40).params);
+  EXPECT_TRUE(any_contains(distorted.warnings, "distortion of EQUIRECTANGULAR"));
+  root["k1"] = 0;
+  root["cx"] = 35;
+  EXPECT_TRUE(any_contains(read(root).warnings, "cx and cy of EQUIRECTANGULAR"));
+  root["h"] = 60;
+  const std::string shape = error(root);
+  EXPECT_TRUE(contains(shape, "EQUIRECTANGULAR of 80 x 60 pixels"));
+  EXPECT_TRUE(contains(shape, "twice as wide as high"));
+  // instant-ngp's word for another projection.
+  latlong.erase("latlong");
+  latlong["equirectangular"] = true;
+  EXPECT_TRUE(contains(error(latlong), "\"equirectangular\" describes is not supported"));
+}
+
 TEST_F(Transforms, LensesOfBothFlavours) {
   json root = transforms();
   root["k1"] = 0.1;
@@ -218,8 +253,8 @@ TEST_F(Transforms, BrokenFilesAreErrorsWithTheirPlace) {
                          r["camera_angle_x"] = 4;
                        }),
                        "camera_angle_x"));
-  EXPECT_TRUE(contains(with([](json& r) { r["camera_model"] = "EQUIRECTANGULAR"; }),
-                       "camera_model EQUIRECTANGULAR is not supported"));
+  EXPECT_TRUE(contains(with([](json& r) { r["camera_model"] = "ORTHOPHOTO"; }),
+                       "camera_model ORTHOPHOTO is not supported"));
   const std::string cut = transforms().dump(1).substr(0, 300);
   write_text(folder_ / "transforms.json", cut);
   const std::string error = error_of([&] { read_transforms_scene(folder_ / "transforms.json"); });

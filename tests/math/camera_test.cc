@@ -44,11 +44,14 @@ std::vector<Camera> all_cameras() {
       make_camera(kRadTanThinPrismFisheye,
                   {301, 298, 322, 238, 0.02, -0.02, 0.007, -0.002, 0.0004, -0.00003, 0.001, -0.0008,
                    0.0006, -0.0002, -0.0004, 0.0003}),
+      make_camera(kEquirectangular,
+                  {320 / std::numbers::pi, 480 / std::numbers::pi, 320, 240, 0.03}),
   };
 }
 
-bool is_fisheye(CameraModel model) {
-  return camera_model_name(model).find("FISHEYE") != std::string_view::npos;
+bool is_wide(CameraModel model) {
+  return model == CameraModel::kEquirectangular ||
+         camera_model_name(model).find("FISHEYE") != std::string_view::npos;
 }
 
 TEST(CameraModelTable, IdsAndNamesRoundTrip) {
@@ -63,6 +66,9 @@ TEST(CameraModelTable, IdsAndNamesRoundTrip) {
   EXPECT_EQ(camera_model_params(CameraModel::kRadTanThinPrismFisheye), 16);
   EXPECT_FALSE(camera_model_from_id(-1));
   EXPECT_FALSE(camera_model_from_id(12));
+  EXPECT_EQ(camera_model_from_id(17), CameraModel::kEquirectangular);
+  EXPECT_EQ(camera_model_from_name("EQUIRECTANGULAR"), CameraModel::kEquirectangular);
+  EXPECT_FALSE(camera_model_from_id(18));
   EXPECT_FALSE(camera_model_from_id(int64_t{1} << 40));
   EXPECT_FALSE(camera_model_from_name("opencv"));
   EXPECT_FALSE(camera_model_from_name(""));
@@ -106,7 +112,7 @@ TEST(Camera, ProjectInvertsUnprojectOverTheImage) {
         const Vec2d pixel{i * 40.0, j * 40.0};
         const auto d = unproject(camera, pixel);
         ASSERT_TRUE(d) << pixel.x << " " << pixel.y;
-        if (is_fisheye(camera.model)) {
+        if (is_wide(camera.model)) {
           EXPECT_NEAR(length(*d), 1, 1e-12);
         } else {
           EXPECT_EQ(d->z, 1);
@@ -123,7 +129,7 @@ TEST(Camera, ProjectInvertsUnprojectOverTheImage) {
 TEST(Camera, UnprojectInvertsProjectOverDirections) {
   for (const Camera& camera : all_cameras()) {
     SCOPED_TRACE(camera_model_name(camera.model));
-    const double max_angle = is_fisheye(camera.model) ? 1.3 : 0.7;
+    const double max_angle = is_wide(camera.model) ? 1.3 : 0.7;
     for (int ring = 0; ring <= 8; ++ring) {
       for (int k = 0; k < 12; ++k) {
         const double theta = max_angle * ring / 8, phi = k * std::numbers::pi / 6;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <vector>
 
 #include "model/homogeneous_field.h"
@@ -41,6 +42,38 @@ std::vector<Case> cases() {
   return {{small_network(test::nerf_options()), 1},
           {small_network(test::mipnerf_options()), softplus_of_one},
           {small_network(test::mipnerf360_options()), softplus_of_one}};
+}
+
+// A panorama's rays, which in a stereo picture begin beside its middle.
+TEST(NetworkBox, PanoramasSeeAllAroundFromTheirEyes) {
+  const Similarity to_engine = tilted();
+  const test::BoxedView view = test::boxed_view(to_engine);
+  RenderOptions options;
+  options.bbox = view.box;
+  ThreadPool pool(2);
+  for (const Case& c : cases()) {
+    const RadianceField field = homogeneous_network(c.options, to_engine, c.raw_density);
+    for (const double eye : {0.0, 0.8}) {
+      Camera camera = panorama(16, 8);
+      camera.params[4] = eye;
+      Pose pose;
+      pose.translation = to_engine.center + Vec3d{0.2, -4, 0.1};  // the box below it
+      const Frame frame = render(field, camera, pose, options, pool);
+      for (int y = 0; y < 8; ++y)
+        for (int x = 0; x < 16; ++x) {
+          const double azimuth = std::numbers::pi * (x + 0.5 - 8) / 8;
+          const double down = std::numbers::pi * (y + 0.5 - 4) / 8;
+          const Vec3d d{std::cos(down) * std::sin(azimuth), std::sin(down),
+                        std::cos(down) * std::cos(azimuth)};
+          const Vec3d from = Vec3d{std::cos(azimuth), 0, -std::sin(azimuth)} * eye;
+          const double inside = test::length_inside(pose * from, d, view.box);
+          const size_t at = static_cast<size_t>(y * 16 + x);
+          EXPECT_NEAR(frame.alpha[at], 1 - std::exp(-inside * to_engine.scale), 2e-5)
+              << x << ' ' << y << " eye " << eye;
+          EXPECT_GE(frame.depth_z[at], 0) << x << ' ' << y;
+        }
+    }
+  }
 }
 
 // As of the grid method: opacity 1 - exp(-density * length) of the part of each ray inside the box,

@@ -45,13 +45,14 @@ TEST(Beam, NoRayMeetsMatterBeforeItsEndAndNoneIsChangedByKnowing) {
           i % 2 ? random_direction(random) : normalized(random_point(random, half) - beam.origin);
       beam.spread = i % 7 == 0 ? 0 : std::pow(10.0, -4 * static_cast<double>(random.uniform()));
       beam.near = i % 5 == 0 ? random.uniform() : 0;
+      beam.width = i % 4 == 0 ? 0.1 * static_cast<double>(random.uniform()) : 0;
       const double until = clear_until(scene.grid, beam);
       ASSERT_GE(until, beam.near);
       clear += until > beam.near;
       never += until == kNever;
       for (int r = 0; r < 20; ++r) {
         Ray ray;
-        ray.origin = beam.origin;
+        ray.origin = beam.origin + random_direction(random) * beam.width;
         ray.direction = direction_within(beam, random);
         ray.near = beam.near;
         RaySamples samples;

@@ -2,7 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <numbers>
 #include <vector>
+
+#include "support/cameras.h"
 
 namespace nerf {
 namespace {
@@ -37,6 +41,46 @@ TEST(RayBatch, KeepsEveryPointOfTheSamplesThatLearn) {
             << "array " << a << " chunk " << c << " point " << j << " sample " << s;
     });
   }
+}
+
+// Of a panorama and an ordinary photo of as many pixels: the panorama's caps above 60 degrees are a
+// third of its rows and 1 - sin(60) of its sphere, and all of it is 2 / pi of its pixels.
+TEST(PixelSource, DrawsPanoramasBySolidAngle) {
+  Scene scene;
+  PhotoSet photos;
+  for (const bool around : {true, false}) {
+    View view;
+    view.name = around ? "around" : "ahead";
+    view.camera = static_cast<int>(scene.views.size());
+    scene.train.push_back(view.camera);
+    scene.views.push_back(view);
+    scene.cameras.push_back(around ? panorama(96, 48) : test::pinhole(96, 48, 50));
+    Photo photo;
+    photo.width = 96;
+    photo.height = 48;
+    photo.channels = 3;
+    photo.pixels8.assign(3 * 96 * 48, 100);
+    photos.photos.push_back(photo);
+  }
+  photos.cameras = scene.cameras;
+  const PixelSource source(scene, photos);
+  constexpr int kDraws = 40000;
+  int around = 0, caps = 0, ahead_caps = 0;
+  for (uint64_t i = 0; i < kDraws; ++i) {
+    Random random(3, 0, i);
+    PixelSource::Pixel pixel;
+    ASSERT_TRUE(source.draw(random, pixel));
+    const bool cap = pixel.y < 8 || pixel.y >= 40;
+    around += pixel.source == 0;
+    (pixel.source == 0 ? caps : ahead_caps) += cap;
+  }
+  const double share = 2 / std::numbers::pi / (1 + 2 / std::numbers::pi);
+  const auto deviation = [](double p, double n) { return std::sqrt(p * (1 - p) / n); };
+  EXPECT_NEAR(around, share * kDraws, 4 * kDraws * deviation(share, kDraws));
+  const double cap = 1 - std::sqrt(3.0) / 2;
+  EXPECT_NEAR(caps, cap * around, 4 * around * deviation(cap, around));
+  const double ahead = kDraws - around;
+  EXPECT_NEAR(ahead_caps, ahead / 3, 4 * ahead * deviation(1.0 / 3, ahead));
 }
 
 }  // namespace

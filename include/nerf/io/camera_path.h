@@ -22,8 +22,22 @@ struct PathFrame {
   double time = 0;       // [0, 1]
 };
 
+// What a frame of a path shows.
+enum class PictureKind {
+  kPerspective,      // what PathFrame::camera sees, whatever its lens
+  kEquirectangular,  // all around
+  kOds,    // omnidirectional stereo: all around, the left eye's picture over the right eye's
+  kVr180,  // the half before the camera, the left eye's picture beside the right eye's
+};
+inline auto option_names(PictureKind) {
+  return std::array{OptionName{PictureKind::kPerspective, "perspective"},
+                    OptionName{PictureKind::kEquirectangular, "equirectangular"},
+                    OptionName{PictureKind::kOds, "ods"}, OptionName{PictureKind::kVr180, "vr180"}};
+}
+
 struct CameraPath {
   std::vector<PathFrame> frames;
+  PictureKind picture = PictureKind::kPerspective;  // else cameras are panoramas, of one eye
   double fps = 30;
   std::vector<std::string> notes;  // for the user: fallbacks taken, things in a file not used
 };
@@ -80,10 +94,14 @@ CameraPath make_camera_path(const ModelInfo& info, PathKind kind, const PathOpti
 // Camera of the generated paths, see above.
 Camera path_camera(const ModelInfo& info);
 
+// The camera of one eye of a picture of another kind than kPerspective.
+Camera panorama_of(PictureKind picture, int width, int height);
+
 // nerfstudio's camera-path JSON: render_width, render_height, fps (or seconds), camera_type
-// (perspective or fisheye) and camera_path[] with camera_to_world (16 numbers, rows first, OpenGL
-// axes: x right, y up, z backward), fov (vertical, degrees) and optionally render_time. keyframes
-// and crop are not used; the latter gets a note.
+// (perspective, fisheye, equirectangular, omnidirectional or vr180) and camera_path[] with
+// camera_to_world (16 numbers, rows first, OpenGL axes: x right, y up, z backward), fov (vertical,
+// degrees; panoramas need none) and optionally render_time. The size is that of one eye's picture.
+// keyframes and crop are not used; the latter gets a note.
 //
 // nerfstudio itself stores paths in the normalised coordinates of its own run. A file read or
 // written here is in the input model's coordinates, so one exported from a nerfstudio run fits only

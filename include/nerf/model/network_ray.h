@@ -31,9 +31,10 @@ struct NetworkRay {
   Random random{0, 0, 0};
 };
 
-// The ray through an image point (pixels); pose is camera-to-engine. Background, target, scale and
-// random are left for the caller. No value where the lens has no ray there, or where it does not go
-// forward in normalised device coordinates.
+// The ray through an image point (pixels); pose is camera-to-engine, moved to where the ray begins
+// (ray_pose() of math/camera.h). Background, target, scale and random are left for the caller. No
+// value where the lens has no ray there, or where it does not go forward in normalised device
+// coordinates.
 std::optional<NetworkRay> cast_ray(const NetworkField& field, const Camera& camera,
                                    const Pose& pose, const Vec2d& pixel);
 

@@ -68,7 +68,8 @@ struct Frame {
   int width = 0, height = 0;
   std::vector<Real> rgb;      // 3 per pixel, sRGB, background composited in
   std::vector<Real> alpha;    // opacity in [0, 1]
-  std::vector<Real> depth_z;  // median depth along the optical axis, input unit; 0 where nothing
+  // Median depth along the optical axis (of panoramas: along the ray), input unit; 0 where nothing.
+  std::vector<Real> depth_z;
   RenderStatistics statistics{};
 };
 
@@ -77,8 +78,8 @@ int rays_per_side(const RadianceField& field, const RenderOptions& options, cons
                   const Pose& camera_to_world);
 
 // Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates,
-// OpenCV axes. `progress` gets the fraction done in [0, 1], from one thread at a time. Throws
-// Cancelled.
+// OpenCV axes; so is the eye of a stereo panorama (math/camera.h), of which this is one half.
+// `progress` gets the fraction done in [0, 1], from one thread at a time. Throws Cancelled.
 Frame render(const RadianceField& field, const Camera& camera, const Pose& camera_to_world,
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress = {}, const Cancel* cancel = nullptr);

@@ -1,4 +1,4 @@
-// Rays side by side that begin at one point: how far none of them meets matter.
+// Rays side by side that begin at one point or near it: how far none of them meets matter.
 #pragma once
 
 #include "nerf/math/vec.h"
@@ -10,11 +10,12 @@ namespace nerf {
 struct Beam {
   Vec3d origin, axis;
   double spread = 0;  // most distance between a ray's direction and the axis
-  double near = 0;    // the rays begin at this distance from the origin
+  double near = 0;    // the rays begin at this distance from their origins
+  double width = 0;   // most distance between a ray's origin and the beam's
 };
 
-// A distance from the origin, at least `near`, before which no ray of the beam enters a brick that
-// holds matter; infinity where none does at all. Found in steps as long as the grid's clearances
+// A distance along the rays, at least `near`, before which none of them enters a brick that holds
+// matter; infinity where none does at all. Found in steps as long as the grid's clearances
 // allow (sphere tracing, Hart 1996, of a cone).
 double clear_until(const OccupancyGrid& grid, const Beam& beam);
 
