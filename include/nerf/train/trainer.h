@@ -164,7 +164,7 @@ struct TrainOptions {
     v("keep_unseen", keep_unseen,
       "cells that no camera of the training photos sees may hold matter too (grid)");
     v("keep_transparent", keep_transparent,
-      "cells that some photo with alpha shows as wholly transparent may hold matter too (grid)");
+      "cells that photos with alpha show as wholly transparent may hold matter too (grid)");
     v("grid", grid, "field");
     v("network", network, "field of the paper methods");
     v("recipe", recipe, "training of the paper methods");
