@@ -115,7 +115,7 @@ void TrainCommand::check_options() const {
     throw Error("SCENE is missing", "", "give the folder of a capture; --help says more");
   if (scene.empty() && out.empty())
     throw Error("--resume needs to know which run", "", "give SCENE or -o RUN");
-  if (minutes && train.steps > 0 && !resume)
+  if (minutes && train.steps > 0)
     throw Error("--minutes and --steps exclude each other", "", "leave one of them out");
   if (holdout == Holdout::kNone && split == SplitChoice::kDev)
     throw Error("--split dev and --holdout none exclude each other", "", "leave one of them out");
@@ -203,6 +203,10 @@ ProgramText train_program_text() {
 void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
                     const std::string& where) {
   if (command.scene.empty()) command.scene = saved.scene;
+  if (given.contains("minutes") || given.contains("steps")) {
+    saved.minutes = command.minutes;
+    saved.train.steps = command.train.steps;
+  }
   const auto fields = option_fields(command), were = option_fields(saved);
   for (size_t i = 0; i < fields.size(); ++i) {
     if (is_free(fields[i])) {

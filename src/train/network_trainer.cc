@@ -192,7 +192,8 @@ void NetworkTrainer::run_chunks() {
   const int64_t count = static_cast<int64_t>(accumulators.size());
   const int64_t per = (chunks + count - 1) / count;
   const NetworkRecipe& recipe = options.recipe;
-  const int64_t length = recipe.anneal_steps > 0 ? recipe.anneal_steps : options.steps;
+  const int64_t length =
+      recipe.anneal_steps > 0 ? recipe.anneal_steps : options.plan().length_at(done);
   const double share = std::min(
       1.0, static_cast<double>(done) / static_cast<double>(std::max<int64_t>(length - 1, 1)));
   const Real exponent = recipe.anneal ? annealing_exponent(static_cast<Real>(share)) : 1.0_r;

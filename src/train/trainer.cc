@@ -77,8 +77,11 @@ const GridField& Trainer::field() const {
   return *impl_->grid();
 }
 void Trainer::set_planned_steps(int64_t steps) {
-  impl_->options.plan_changes = impl_->options.plan().changed(impl_->done, steps).changes;
-  impl_->options.steps = steps;
+  TrainOptions& o = impl_->options;
+  const bool anneals_to_the_end =
+      o.method != kGridMethod && o.recipe.anneal && o.recipe.anneal_steps == 0;
+  o.plan_changes = o.plan().changed(impl_->done, steps, anneals_to_the_end).changes;
+  o.steps = steps;
 }
 
 RadianceField Trainer::snapshot() const {

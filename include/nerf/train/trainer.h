@@ -85,8 +85,8 @@ struct TrainOptions {
     v("seed", seed, "of every random number");
     v("steps", steps, "length of the training; the step size falls over it", at_least(0));
     v("plan_changes", plan_changes,
-      "until step STEP the length was LENGTH: what --minutes prints, to repeat a run whose length "
-      "was corrected on the way");
+      "until step STEP the length was LENGTH: what a run prints whose length was corrected on the "
+      "way or extended, to repeat it");
     v("background", background,
       "colour that photos with alpha are laid over, where they are compared and where a paper's "
       "method trains on them; other photos need none");
@@ -248,7 +248,8 @@ class Trainer {
   // Changes the planned length (a time budget fixes it after a warm-up, and corrects it). The steps
   // before options().hold of it do not depend on it; later, progress goes on from where it is, and
   // options().plan_changes has what was planned until then. Where all planned steps are done the
-  // last stretch is planned anew, as if its length had been this since the change before.
+  // training is extended: its rate rises to what it would have been by now, had its length been
+  // this since the change before.
   void set_planned_steps(int64_t steps);
 
   // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
