@@ -138,6 +138,10 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
       format != SceneFormat::kVideo)
     out.push_back("--camera-model is not used: the capture comes with its cameras");
+  if (given.contains("cut_out") && scene.alpha && !scene.cut_out)
+    out.push_back("--cut-out is not used: the photos have alpha");
+  if (given.contains("background") && scene.cut_out)
+    out.push_back("--background is not used: it is the colour that photos were cut out to");
   if (given.contains("background") && !scene.alpha)
     out.push_back("--background is not used: the photos have no alpha");
   const bool grid = command.train.method == kGridMethod;
@@ -178,6 +182,7 @@ SceneOptions TrainCommand::scene_options() const {
   o.bbox = bbox;
   o.up = up;
   o.camera_model = camera_model;
+  o.cut_out = cut_out;
   o.work_folder = out / kCaptureFolder;
   o.run_folder = out;
   return o;

@@ -56,6 +56,7 @@ struct TrainCommand {
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
   std::string camera_model = "SIMPLE_RADIAL";
+  CutOut cut_out;
   int threads = 0;
   bool resume = false;
   bool overwrite = false;
@@ -99,6 +100,10 @@ struct TrainCommand {
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
+    v("cut_out", cut_out,
+      "what to do about photos without alpha whose background was cut out to one colour: auto "
+      "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "
+      "transparent");
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "
       "a tenth of them; 0: only at the end",

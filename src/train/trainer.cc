@@ -41,6 +41,10 @@ void TrainOptions::check_options() const {
                 "give the first above 0, or with proposal resampling the second");
 }
 
+Vec3 background_of(const TrainOptions& options, const Scene& scene) {
+  return scene.cut_out ? to_vec3(*scene.cut_out) : colour_of(options.background);
+}
+
 double distortion_weight(const TrainOptions& options, const Scene& scene) {
   constexpr double kUnbounded = 0.02;  // docs/benchmarks.md, "What changed the quality"
   return options.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
@@ -90,7 +94,7 @@ RadianceField Trainer::snapshot() const {
   info.to_engine = impl_->scene.to_engine;
   info.unbounded = impl_->scene.unbounded;
   info.alpha = impl_->scene.alpha;
-  if (info.alpha) info.background = colour_of(impl_->options.background);
+  if (info.alpha) info.background = background_of(impl_->options, impl_->scene);
   info.near = impl_->scene.near;
   info.far = impl_->scene.far;
   std::vector<bool> held_out(impl_->scene.views.size(), false);

@@ -89,7 +89,7 @@ struct TrainOptions {
       "way or extended, to repeat it");
     v("background", background,
       "colour that photos with alpha are laid over, where they are compared and where a paper's "
-      "method trains on them; other photos need none");
+      "method trains on them; that of cut-out backgrounds is known, other photos need none");
     v("batch_samples", batch_samples, "network samples of a step (grid)", at_least(960),
       at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
@@ -172,6 +172,10 @@ struct TrainOptions {
   void check_options() const;
   TrainingPlan plan() const;
 };
+
+// What the scene's photos are laid over if they have alpha: the colour that their background was
+// cut out to, else that of the options.
+Vec3 background_of(const TrainOptions& options, const Scene& scene);
 
 // Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
 // options say, or a default by the kind of scene.
