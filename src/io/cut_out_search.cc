@@ -144,6 +144,16 @@ double share_of_background(const Outline& o) {
          static_cast<double>(o.background.size());
 }
 
+// No value for one that cannot be decoded: load_photos says what is wrong with it.
+std::optional<StoredImage> decoded(const std::filesystem::path& photo) {
+  try {
+    StoredImage image = decode_image(photo);
+    if (image.type == SampleType::k8) return image;
+  } catch (const Error&) {
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 CutOutSearch find_cut_out(std::span<const std::filesystem::path> photos) {
@@ -152,16 +162,14 @@ CutOutSearch find_cut_out(std::span<const std::filesystem::path> photos) {
   std::vector<Outline> outlines;
   std::optional<Rgb8> colour;
   for (size_t i = 0, others = 0; i < looks; ++i) {
-    const StoredImage image =
-        decode_image(photos[i * (photos.size() - 1) / std::max<size_t>(looks - 1, 1)]);
+    const auto image = decoded(photos[i * (photos.size() - 1) / std::max<size_t>(looks - 1, 1)]);
     ++result.looked;
-    if (image.type == SampleType::k8 && !colour) {
-      const Rgb8 own = border_colour(image);
-      if (has_flat_border(image, own)) colour = own;
+    if (image && !colour) {
+      const Rgb8 own = border_colour(*image);
+      if (has_flat_border(*image, own)) colour = own;
     }
-    Outline outline{image.width, image.height, {}};
-    if (image.type == SampleType::k8 && colour && has_flat_border(image, *colour)) {
-      outline.background = background_of(image, *colour);
+    if (image && colour && has_flat_border(*image, *colour)) {
+      Outline outline{image->width, image->height, background_of(*image, *colour)};
       const double share = share_of_background(outline);
       if (share >= kLeastBackground && share <= 1 - kLeastMatter) {
         outlines.push_back(std::move(outline));
@@ -194,13 +202,15 @@ std::optional<Rgb8> resolve_cut_out(const SceneInput& input, const CutOut& optio
     if (search.is_frame) {
       report.warnings.push_back(fmt::format(
           "all photos have the same frame of the colour {0}: it is taken for a part of the scene; "
-          "masks leave it out, --cut-out {0} makes it transparent", text));
+          "masks leave it out, --cut-out {0} makes it transparent",
+          text));
       return std::nullopt;
     }
     colour = search.colour;
     report.cut_out = fmt::format(
         "background of {}, found at the border of {} photos: counts as transparent (--cut-out off: "
-        "as matter)", text, search.looked);
+        "as matter)",
+        text, search.looked);
   }
   for (const View& view : input.views) {
     const Camera& camera = input.cameras[static_cast<size_t>(view.camera)];
