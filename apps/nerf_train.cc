@@ -35,6 +35,8 @@ void throw_if_stopped(const SignalCancel& stop) {
 // The command of the run to go on with, or of a new one with everything decided.
 void complete(TrainCommand& command, const std::set<std::string>& given, const RunFolder& folder) {
   std::error_code ignored;
+  if (command.resume && (given.contains("minutes") || given.contains("steps")))
+    command.extend = {command.minutes.value_or(0), command.train.steps};
   if (command.resume && std::filesystem::exists(folder.options(), ignored)) {
     TrainCommand saved;
     options_from_json(saved, read_text_file(folder.options()), folder.options().string());
@@ -120,11 +122,13 @@ class Training {
     const bool resume = begin();
     RunOptions options;
     options.minutes = command_.minutes.value_or(0);
+    if (resume) options.extend = command_.extend;
     options.checkpoint_every = command_.checkpoint_every;
     options.eval_every = command_.eval_every;
     RunCallbacks callbacks;
     callbacks.step = [&](const RunProgress& p) { on_step(p); };
     callbacks.planned = [&](int64_t steps) { on_plan(steps); };
+    callbacks.extended = [&] { on_extension(); };
     callbacks.went_back = [&](const std::string& reason, int64_t step) {
       progress_.clear();
       metrics_.reset();  // opened anew without the steps that are taken again
@@ -148,13 +152,26 @@ class Training {
       log_warning("no checkpoint was written before the run was stopped: it begins anew");
     if (!resume) {
       folder_.clear();
-      TrainCommand saved = command_;
-      saved.resume = saved.overwrite = false;
-      saved.scene = std::filesystem::absolute(saved.scene);  // --resume may run from elsewhere
-      write_file_atomically(folder_.options(), options_to_json(saved));
+      save_options(command_);
     }
     if (!scene_.test.empty()) make_writable_folder(folder_.pictures());
     return resume;
+  }
+
+  void save_options(TrainCommand command) const {
+    command.resume = command.overwrite = false;
+    command.scene = std::filesystem::absolute(command.scene);  // --resume may run from elsewhere
+    write_file_atomically(folder_.options(), options_to_json(command));
+  }
+
+  void on_extension() {
+    folder_.begin_again();
+    TrainCommand saved = command_;
+    saved.train.plan_changes = {};
+    if (!saved.minutes) saved.train.plan_changes = trainer_.options().plan_changes;
+    save_options(saved);
+    log_info(saved.minutes ? fmt::format("extended to {:g} minutes", *saved.minutes)
+                           : fmt::format("extended to {} steps", saved.train.steps));
   }
 
   void on_step(const RunProgress& p) {
@@ -243,8 +260,7 @@ class Training {
       for (const ScaleScore& s : summary_.evaluation.scales)
         log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,
                              s.psnr, s.ssim, s.counted));
-    if (const TrainingPlan plan = trainer_.options().plan();
-        command_.minutes && !plan.changes.list.empty())
+    if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
     log_info(fmt::format("written to  {}", folder_.path().string()));
     return kExitOk;

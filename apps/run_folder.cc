@@ -71,6 +71,12 @@ bool RunFolder::has_checkpoint() const {
   return fs::exists(checkpoint(), ignored);
 }
 
+void RunFolder::begin_again() const {
+  std::error_code failed;
+  fs::remove(result(), failed);
+  if (failed) throw errno_error(failed.value(), "cannot remove", result());
+}
+
 void RunFolder::clear() const {
   std::error_code failed;
   if (!fs::exists(options(), failed) && !has_checkpoint()) return;

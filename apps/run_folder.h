@@ -36,6 +36,8 @@ class RunFolder {
   std::filesystem::path capture() const { return path_ / kCaptureFolder; }
 
   bool has_checkpoint() const;
+  // Before a finished run is extended: it has no result until it is done again.
+  void begin_again() const;
   // Removes what an earlier run left (where there was one), nothing else.
   void clear() const;
 

@@ -115,7 +115,7 @@ void TrainCommand::check_options() const {
     throw Error("SCENE is missing", "", "give the folder of a capture; --help says more");
   if (scene.empty() && out.empty())
     throw Error("--resume needs to know which run", "", "give SCENE or -o RUN");
-  if (minutes && train.steps > 0 && !resume)
+  if (minutes && train.steps > 0)
     throw Error("--minutes and --steps exclude each other", "", "leave one of them out");
   if (holdout == Holdout::kNone && split == SplitChoice::kDev)
     throw Error("--split dev and --holdout none exclude each other", "", "leave one of them out");
@@ -138,6 +138,10 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
       format != SceneFormat::kVideo)
     out.push_back("--camera-model is not used: the capture comes with its cameras");
+  if (given.contains("cut_out") && scene.alpha && !scene.cut_out)
+    out.push_back("--cut-out is not used: the photos have alpha");
+  if (given.contains("background") && scene.cut_out)
+    out.push_back("--background is not used: it is the colour that photos were cut out to");
   if (given.contains("background") && !scene.alpha)
     out.push_back("--background is not used: the photos have no alpha");
   const bool grid = command.train.method == kGridMethod;
@@ -178,6 +182,7 @@ SceneOptions TrainCommand::scene_options() const {
   o.bbox = bbox;
   o.up = up;
   o.camera_model = camera_model;
+  o.cut_out = cut_out;
   o.work_folder = out / kCaptureFolder;
   o.run_folder = out;
   return o;
@@ -203,6 +208,10 @@ ProgramText train_program_text() {
 void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
                     const std::string& where) {
   if (command.scene.empty()) command.scene = saved.scene;
+  if (given.contains("minutes") || given.contains("steps")) {
+    saved.minutes = command.minutes;
+    saved.train.steps = command.train.steps;
+  }
   const auto fields = option_fields(command), were = option_fields(saved);
   for (size_t i = 0; i < fields.size(); ++i) {
     if (is_free(fields[i])) {

@@ -11,6 +11,7 @@
 #include "nerf/io/scene.h"
 #include "nerf/math/option_types.h"
 #include "nerf/train/methods.h"
+#include "nerf/train/run.h"
 #include "nerf/train/trainer.h"
 #include "options_cli.h"
 
@@ -46,6 +47,7 @@ struct TrainCommand {
   bool list_methods = false;
   Scale scale = Scale::kSmall;
   std::optional<double> minutes;
+  RunLength extend;  // no option: what a resumed run is given of --minutes and --steps
   SceneFormat format = SceneFormat::kAuto;
   SplitChoice split = SplitChoice::kTest;
   Holdout holdout = Holdout::kSplit;
@@ -54,6 +56,7 @@ struct TrainCommand {
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
   std::string camera_model = "SIMPLE_RADIAL";
+  CutOut cut_out;
   int threads = 0;
   bool resume = false;
   bool overwrite = false;
@@ -80,7 +83,9 @@ struct TrainCommand {
       above(0), at_most(100000));
     v("threads", threads, "threads; 0 takes all processors; the result is the same for any number",
       at_least(0), at_most(1024));
-    v("resume", resume, "goes on with the run in RUN, bit for bit");
+    v("resume", resume,
+      "goes on with the run in RUN, bit for bit; with --minutes or --steps, of the whole run, "
+      "until it is so long");
     v("overwrite", overwrite, "begins anew although RUN holds a run");
     v("format", format, "kind of the capture");
     v("split", split,
@@ -95,6 +100,10 @@ struct TrainCommand {
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
+    v("cut_out", cut_out,
+      "what to do about photos without alpha whose background was cut out to one colour: auto "
+      "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "
+      "transparent");
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "
       "a tenth of them; 0: only at the end",
@@ -128,7 +137,7 @@ std::vector<std::string> unused_options(const TrainCommand& command,
 
 // Takes from `saved`, the options that the run was begun with, what the command line does not give.
 // Throws Error naming an option that was given otherwise than then; options that change nothing of
-// the result (threads, intervals) may differ. `where` is the run's folder.
+// the result (threads, intervals) may differ, and so may the length. `where` is the run's folder.
 void resume_options(TrainCommand& command, const std::set<std::string>& given, TrainCommand saved,
                     const std::string& where);
 

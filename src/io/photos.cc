@@ -8,6 +8,7 @@
 #include <mutex>
 #include <span>
 
+#include "cut_out.h"
 #include "half.h"
 #include "image_decode.h"
 #include "nerf/base/error.h"
@@ -197,6 +198,7 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
     set.cameras[i] =
         internal::camera_of_photo(scene.cameras.at(static_cast<size_t>(view.camera)), view,
                                   infos[i].width, infos[i].height, photo.width, photo.height);
+    if (scene.cut_out) infos[i].channels = 4;
     internal::add_photo(memory, infos[i], !view.mask_path.empty(), downscale);
   }
   internal::check_photo_memory(memory, pool.size(), available_memory_bytes(), downscale,
@@ -214,6 +216,7 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
     if (!view.mask_path.empty()) {
       set.photos[i].mask = read_mask(view, stored, set.photos[i].width, set.photos[i].height);
     }
+    if (scene.cut_out) internal::cut_out(stored, *scene.cut_out);
     convert(stored, view.image_path.string(), set.photos[i]);
     const std::lock_guard lock(progress_mutex);
     ++done;

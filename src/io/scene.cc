@@ -9,6 +9,7 @@
 
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
+#include "cut_out.h"
 #include "scene_detect.h"
 #include "scene_frame.h"
 
@@ -134,6 +135,9 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   report.warnings = std::move(input.warnings);
 
   internal::resolve_images(input, options.downscale, report, &scene.alpha);
+  scene.cut_out = internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale,
+                                            report);
+  scene.alpha = scene.alpha || scene.cut_out;
   if (input.views.size() < 2) {
     throw Error(fmt::format("there is {} registered image with a file",
                             input.views.empty() ? "no" : "only one"),

@@ -142,7 +142,7 @@ void NetworkTrainer::draw_rays() {
       Random(seed, step, uint64_t{1} << 62).below(static_cast<uint64_t>(source.photos())));
   const bool from_one = recipe.one_photo || done < recipe.crop_steps;
   const double share = done < recipe.crop_steps ? recipe.crop : 1;
-  const Vec3 background = scene.alpha ? colour_of(options.background) : Vec3{0, 0, 0};
+  const Vec3 background = scene.alpha ? background_of(options, scene) : Vec3{0, 0, 0};
   const int64_t n = static_cast<int64_t>(rays.size());
   pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
     for (int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
@@ -194,7 +194,8 @@ void NetworkTrainer::run_chunks() {
   const int64_t count = static_cast<int64_t>(accumulators.size());
   const int64_t per = (chunks + count - 1) / count;
   const NetworkRecipe& recipe = options.recipe;
-  const int64_t length = recipe.anneal_steps > 0 ? recipe.anneal_steps : options.steps;
+  const int64_t length =
+      recipe.anneal_steps > 0 ? recipe.anneal_steps : options.plan().length_at(done);
   const double share = std::min(
       1.0, static_cast<double>(done) / static_cast<double>(std::max<int64_t>(length - 1, 1)));
   const Real exponent = recipe.anneal ? annealing_exponent(static_cast<Real>(share)) : 1.0_r;

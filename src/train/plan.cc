@@ -25,7 +25,7 @@ std::optional<PlanChanges> parse(std::string_view text) {
     if (colon == std::string_view::npos) return std::nullopt;
     const auto step = positive_number(item.substr(0, colon));
     const auto length = positive_number(item.substr(colon + 1));
-    if (!step || !length || *length <= *step) return std::nullopt;
+    if (!step || !length || *length < *step) return std::nullopt;
     if (!out.list.empty() && *step <= out.list.back().step) return std::nullopt;
     out.list.push_back({*step, *length});
     if (comma == std::string_view::npos) break;
@@ -41,8 +41,8 @@ void OptionTraits<PlanChanges>::describe(OptionField& field) {
   field.metavar = "STEP:LENGTH,...";
   field.problem = [](const OptionValue& value) -> std::string {
     if (parse(std::get<std::string>(value))) return "";
-    return "must be STEP:LENGTH, or several of them with commas between, steps rising and each "
-           "below its length";
+    return "must be STEP:LENGTH, or several of them with commas between, steps rising and none "
+           "above its length";
   };
 }
 
@@ -70,26 +70,30 @@ double TrainingPlan::progress_at(int64_t step) const {
     return from == 0 ? std::max(0.0, share - hold) / (1 - hold) : reached + (1 - reached) * share;
   };
   for (const PlanChange& c : changes.list) {
-    if (step <= c.step) return along(step, c.length);
+    if (step < c.step) return along(step, c.length);
+    if (c.length == c.step) continue;  // extended
     reached = along(c.step, c.length);
     from = c.step;
   }
   return along(step, steps);
 }
 
-TrainingPlan TrainingPlan::changed(int64_t done, int64_t to) const {
+int64_t TrainingPlan::length_at(int64_t step) const {
+  for (const PlanChange& c : changes.list)
+    if (step < c.step) return c.length;
+  return steps;
+}
+
+TrainingPlan TrainingPlan::changed(int64_t done, int64_t to, bool length_matters) const {
   TrainingPlan out{to, hold, {}};
-  int64_t length = steps;  // in force by then
-  for (const PlanChange& c : changes.list) {
-    if (c.step >= done) {
-      length = c.length;
-      break;
-    }
-    out.changes.list.push_back(c);
-  }
+  for (const PlanChange& c : changes.list)
+    if (c.step < done) out.changes.list.push_back(c);
+  const int64_t length = length_at(done - 1);
   // Whether a step that was done had, or would have had, another progress than at the beginning.
-  const bool matters = progress_at(done - 1) > 0 || out.progress_at(done - 1) > 0;
-  if (matters && done < length && length != to) out.changes.list.push_back({done, length});
+  const bool matters =
+      length_matters || progress_at(done - 1) > 0 || out.progress_at(done - 1) > 0;
+  if (done > 0 && matters && done <= length && length != to)
+    out.changes.list.push_back({done, length});
   return out;
 }
 

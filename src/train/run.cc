@@ -1,7 +1,8 @@
 #include "nerf/train/run.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -25,10 +26,12 @@ constexpr double kPlanWithinHold = 0.8;
 constexpr double kLeastHold = 0.02;
 // For what late steps cost beside the drawing of their rays, whose change is measured.
 constexpr double kLateStep = 1.02;
-// Shares of the budget after which the plan is corrected by the speed since: others use the
-// machine.
-constexpr std::array kCorrections = {0.3, 0.55, 0.75, 0.9};
-constexpr double kOff = 0.02;            // of the budget: a plan that ends as near to it stays
+// A plan is corrected by its steps' speed when this share of its time is over or of its steps
+// taken, and so is what is left of it, until the end: others use the machine.
+constexpr double kCorrectAfter = 1.0 / 3;
+// A plan stays that ends so much before the budget, or after it: shares of the budget, and of what
+// is left of it.
+constexpr double kEarly = 0.025, kLate = 0.02, kLateOfRest = 0.2;
 constexpr double kFirstSave = 0.25;      // of the interval between checkpoints
 constexpr double kMostEvaluation = 0.1;  // of the time of training, where it is not short anyway
 constexpr double kEmptyOpacity = 0.001;
@@ -43,23 +46,22 @@ class Run {
         callbacks_(callbacks),
         checkpoint_(checkpoint),
         cancel_(cancel),
-        budget_(60 * options.minutes),
         photo_opacity_(trainer.photo_opacity()) {
-    if (budget_ <= 0) return;
-    if (trainer.options().hold < kLeastHold)
-      throw Error(
-          "a budget of minutes fixes the number of steps within the hold, which is too short",
-          "--hold", "give at least 0.02, or --steps");
-    const NetworkRecipe& recipe = trainer.options().recipe;
-    if (trainer.options().method != kGridMethod && recipe.anneal && recipe.anneal_steps == 0)
-      throw Error("a budget of minutes does not know at first how many steps there are",
-                  "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
-    trainer_.set_planned_steps(kNoPlan);
+    set_budget(options.minutes);
+  }
+
+  void begin() {
+    if (budget_ > 0) begin_without_plan();
   }
 
   void resume() {
     restore(trainer_.load_checkpoint(checkpoint_));
     have_checkpoint_ = true;
+    begin_measuring();
+    if (!extend(options_.extend)) return;
+    // From now on: a run that is killed goes on to its new length.
+    save();
+    if (callbacks_.extended) callbacks_.extended();
   }
 
   RunResult run() {
@@ -82,6 +84,64 @@ class Run {
   }
   bool stopped() const { return stopped_ || (cancel_ && cancel_->requested()); }
   bool plan_known() const { return trainer_.options().steps < kNoPlan; }
+
+  void set_budget(double minutes) {
+    minutes_ = minutes;
+    budget_ = 60 * minutes;
+  }
+
+  // Of a budget whose number of steps is found within the hold.
+  void begin_without_plan() {
+    if (trainer_.options().hold < kLeastHold)
+      throw Error(
+          "a budget of minutes fixes the number of steps within the hold, which is too short",
+          "--hold", "give at least 0.02, or --steps");
+    const NetworkRecipe& recipe = trainer_.options().recipe;
+    if (trainer_.options().method != kGridMethod && recipe.anneal && recipe.anneal_steps == 0)
+      throw Error("a budget of minutes does not know at first how many steps there are",
+                  "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
+    trainer_.set_planned_steps(kNoPlan);
+  }
+
+  // Whether the length is another than it was.
+  bool extend(const RunLength& to) {
+    if (to.minutes <= 0 && to.steps <= 0) return false;
+    const int64_t done = trainer_.steps_done(), planned = trainer_.options().steps;
+    const bool by_steps = to.steps > 0, is_same_kind = by_steps == (budget_ <= 0);
+    const bool is_same = is_same_kind && (by_steps ? to.steps == planned : to.minutes == minutes_);
+    if (is_same && done < planned) return false;  // given once more
+    const double speed = result_.train_seconds > 0
+                             ? static_cast<double>(done) / result_.train_seconds
+                             : 0;  // steps per second so far
+    const int64_t steps =
+        by_steps ? to.steps : static_cast<int64_t>(std::min(60 * to.minutes * speed, 1e12));
+    const bool is_longer = is_same_kind && !by_steps ? to.minutes > minutes_
+                                                     : steps > (plan_known() ? planned : done);
+    const bool is_room = by_steps || 60 * to.minutes > result_.train_seconds;
+    if (!is_longer || !is_room) throw not_longer(to);
+    set_budget(to.minutes);
+    if (!by_steps && (!plan_known() || steps == 0)) {
+      begin_without_plan();
+      return true;
+    }
+    trainer_.set_planned_steps(std::max(steps, done + 1));
+    begin_measuring();
+    return true;
+  }
+
+  Error not_longer(const RunLength& to) const {
+    const auto in_words = [](double minutes, int64_t steps) {
+      return minutes > 0 ? fmt::format("{:g} minutes", minutes) : fmt::format("{} steps", steps);
+    };
+    const int64_t done = trainer_.steps_done();
+    const std::string so_far =
+        fmt::format("{} steps in {:.3g} minutes", done, result_.train_seconds / 60);
+    return Error(fmt::format("the run is {} long ({} so far), and {} is not longer",
+                             in_words(minutes_, trainer_.options().steps), so_far,
+                             in_words(to.minutes, to.steps)),
+                 checkpoint_.string(),
+                 "give the length of the whole run, with what it had until now");
+  }
 
   void step() {
     const double begin = seconds_now();
@@ -133,22 +193,29 @@ class Run {
   void plan(int64_t least) {
     const Room room = room_for(speed_.step_seconds_ahead(), least);
     trainer_.set_planned_steps(room.steps);
-    measured_from_ = speed_.steps();
+    begin_measuring();
     if (callbacks_.planned) callbacks_.planned(room.steps);
   }
 
+  void begin_measuring() {
+    measured_from_ = {trainer_.steps_done(), result_.train_seconds};
+  }
+
   void correct_when_due() {
-    constexpr int64_t kEnough = 8;  // steps to tell a speed from
-    const auto due = [&](double share) { return result_.train_seconds >= share * budget_; };
-    const auto passed = std::ranges::count_if(kCorrections, due);
-    if (passed <= corrections_ || speed_.steps() - measured_from_ < kEnough) return;
-    corrections_ = passed;
-    const double seconds = speed_.mean_seconds_since(measured_from_);
-    measured_from_ = speed_.steps();
-    const int64_t planned = trainer_.options().steps, left = planned - trainer_.steps_done();
-    if (left <= 0 || seconds <= 0) return;
-    const Room room = room_for(seconds, 0);
-    if (std::fabs(static_cast<double>(room.steps - planned)) * room.step_seconds < kOff * budget_)
+    const int64_t done = trainer_.steps_done(), planned = trainer_.options().steps;
+    const int64_t left = planned - done, measured = done - measured_from_.steps;
+    const double seconds = result_.train_seconds - measured_from_.seconds;
+    const bool due = seconds >= kCorrectAfter * (budget_ - measured_from_.seconds) ||
+                     static_cast<double>(measured) >=
+                         kCorrectAfter * static_cast<double>(planned - measured_from_.steps);
+    // So many tell a speed.
+    if (!due || left <= 0 || measured < std::clamp<int64_t>(planned / 128, 1, 8)) return;
+    begin_measuring();
+    if (seconds <= 0) return;
+    const Room room = room_for(seconds / static_cast<double>(measured), 0);
+    const double time_left = budget_ - result_.train_seconds;
+    const double early = time_left - static_cast<double>(left) * room.step_seconds;
+    if (early < kEarly * budget_ && early > -std::min(kLate * budget_, kLateOfRest * time_left))
       return;
     // The field needs a while at falling rates, however little time is left.
     const int64_t steps = std::max(room.steps, trainer_.steps_done() + (left + 1) / 2);
@@ -207,6 +274,7 @@ class Run {
       trainer_.set_planned_steps(steps);
     else if (budget_ > 0)
       trainer_.set_planned_steps(kNoPlan);
+    begin_measuring();
     if (callbacks_.went_back) callbacks_.went_back(reason, trainer_.steps_done());
   }
 
@@ -250,7 +318,7 @@ class Run {
   }
 
   std::string state() const {
-    return nlohmann::ordered_json{{"minutes", options_.minutes},
+    return nlohmann::ordered_json{{"minutes", minutes_},
                                   {"train_seconds", result_.train_seconds},
                                   {"evaluation_seconds", result_.evaluation_seconds},
                                   {"saving_seconds", result_.saving_seconds},
@@ -264,7 +332,7 @@ class Run {
   void restore(const std::string& text) {
     if (text.empty()) return;  // saved by a program that drives its trainer itself
     const JsonFields f = JsonFields::parse(text, checkpoint_.string() + ": run");
-    budget_ = 60 * f.number("minutes");
+    set_budget(f.number("minutes"));
     result_.train_seconds = f.number("train_seconds");
     result_.evaluation_seconds = f.number("evaluation_seconds");
     result_.saving_seconds = f.number("saving_seconds");
@@ -272,8 +340,6 @@ class Run {
     result_.rays = f.integer("rays", 0, INT64_MAX);
     result_.failures = static_cast<int>(f.integer("failures", 0, kMostFailures));
     opacity_ = f.number("opacity");
-    corrections_ = std::ranges::count_if(
-        kCorrections, [&](double share) { return result_.train_seconds >= share * budget_; });
   }
 
   Trainer& trainer_;
@@ -281,13 +347,15 @@ class Run {
   const RunCallbacks& callbacks_;
   const std::filesystem::path& checkpoint_;
   const Cancel* cancel_;
-  double budget_;  // seconds; 0: the plan is given in steps
+  double minutes_ = 0, budget_ = 0;  // the latter in seconds; 0: the plan is given in steps
   double photo_opacity_;
   RunResult result_;
   SpeedMeter speed_;
-  std::ptrdiff_t corrections_ = 0;  // that were due
-  int64_t measured_from_ = 0;       // first step that the next one's speed is told from
-  double opacity_ = 0;              // of the last steps' rays
+  struct {
+    int64_t steps = 0;
+    double seconds = 0;
+  } measured_from_;     // since when the speed is measured that the plan is corrected by
+  double opacity_ = 0;  // of the last steps' rays
   double next_save_ = 0, next_evaluation_ = 0;
   bool have_checkpoint_ = false, stopped_ = false;
 };
@@ -297,7 +365,7 @@ class Run {
 RunResult run_training(Trainer& trainer, const RunOptions& options, const RunCallbacks& callbacks,
                        const std::filesystem::path& checkpoint, bool resume, const Cancel* cancel) {
   Run run(trainer, options, callbacks, checkpoint, cancel);
-  if (resume) run.resume();
+  resume ? run.resume() : run.begin();
   return run.run();
 }
 

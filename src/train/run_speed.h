@@ -48,15 +48,6 @@ class SpeedMeter {
     return sum / static_cast<double>(half.size());
   }
 
-  // Mean of the steps after the first `from`, 0 where there are none.
-  double mean_seconds_since(int64_t from) const {
-    double sum = 0;
-    for (size_t i = static_cast<size_t>(from); i < all_.size(); ++i)
-      sum += static_cast<double>(all_[i]);
-    const int64_t n = static_cast<int64_t>(all_.size()) - from;
-    return n > 0 ? sum / static_cast<double>(n) : 0;
-  }
-
  private:
   static constexpr double kWindowSeconds = 1;
   static constexpr size_t kWindowSteps = 20;  // at least

@@ -41,6 +41,10 @@ void TrainOptions::check_options() const {
                 "give the first above 0, or with proposal resampling the second");
 }
 
+Vec3 background_of(const TrainOptions& options, const Scene& scene) {
+  return scene.cut_out ? to_vec3(*scene.cut_out) : colour_of(options.background);
+}
+
 double distortion_weight(const TrainOptions& options, const Scene& scene) {
   constexpr double kUnbounded = 0.02;  // docs/benchmarks.md, "What changed the quality"
   return options.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
@@ -77,8 +81,11 @@ const GridField& Trainer::field() const {
   return *impl_->grid();
 }
 void Trainer::set_planned_steps(int64_t steps) {
-  impl_->options.plan_changes = impl_->options.plan().changed(impl_->done, steps).changes;
-  impl_->options.steps = steps;
+  TrainOptions& o = impl_->options;
+  const bool anneals_to_the_end =
+      o.method != kGridMethod && o.recipe.anneal && o.recipe.anneal_steps == 0;
+  o.plan_changes = o.plan().changed(impl_->done, steps, anneals_to_the_end).changes;
+  o.steps = steps;
 }
 
 RadianceField Trainer::snapshot() const {
@@ -87,7 +94,7 @@ RadianceField Trainer::snapshot() const {
   info.to_engine = impl_->scene.to_engine;
   info.unbounded = impl_->scene.unbounded;
   info.alpha = impl_->scene.alpha;
-  if (info.alpha) info.background = colour_of(impl_->options.background);
+  if (info.alpha) info.background = background_of(impl_->options, impl_->scene);
   info.near = impl_->scene.near;
   info.far = impl_->scene.far;
   std::vector<bool> held_out(impl_->scene.views.size(), false);

@@ -135,7 +135,10 @@ Sight look(const Eye& eye, const AlphaTable* alpha, const Vec3d& centre, double 
 
 // Goes from cubes of cells to their halves, down to single cells where alpha can tell them apart
 // and else to bricks. A half's ball lies inside its cube's, so that an eye which the cube is
-// outside of, or all over matter to, has nothing to say of its halves.
+// outside of, or all over matter to, has nothing to say of its halves, and one that finds the cube
+// transparent finds them so too.
+//
+// A cell is off where matte_agreement() of the eyes find it transparent, or all that see it.
 class Carver {
  public:
   // Of the cubes to begin with: what a grid's side is a multiple of.
@@ -147,6 +150,7 @@ class Carver {
       : eyes_(eyes),
         tables_(tables),
         keep_unseen_(keep_unseen),
+        agreement_(matte_agreement(eyes.size())),
         cascade_(cascade),
         last_(tables.empty() ? 4 : 1),
         grid_(grid) {}
@@ -154,15 +158,21 @@ class Carver {
   void carve(const std::array<int, 3>& at) {
     std::vector<int> all(eyes_.size());
     std::iota(all.begin(), all.end(), 0);
-    carve(at, kSide, all, keep_unseen_, 0);
+    carve(at, kSide, all, {}, 0);
   }
 
  private:
-  // Of the cube of `side` cells from `at` on, which the eyes of `asked` are yet to judge; `seen`:
-  // some other eye sees all of it. Returns the eye's place in `asked` that finds it transparent, or
-  // -1.
-  int carve(const std::array<int, 3>& at, int side, std::span<const int> asked, bool seen,
-            size_t level) {
+  // Of the eyes that see all of a cube.
+  struct Votes {
+    int transparent = 0;  // find it so
+    bool matter = false;  // some other eye may have matter before or in it
+  };
+
+  // Of the cube of `side` cells from `at` on, which the eyes of `asked` are yet to judge, and of
+  // which the others have said `votes`. Moves the eyes that find it transparent to the front of
+  // `asked`: what one half is transparent to, the next may be as well.
+  void carve(const std::array<int, 3>& at, int side, std::span<int> asked, Votes votes,
+             size_t level) {
     const Real w = grid_.cell_width(cascade_);
     const double half = 0.5 * side * w;
     const Vec3d centre =
@@ -170,33 +180,36 @@ class Carver {
     const double radius = half * std::sqrt(3.0);
     std::vector<int>& undecided = undecided_[level];
     undecided.clear();
+    size_t front = 0;
     for (size_t i = 0; i < asked.size(); ++i) {
       const size_t e = static_cast<size_t>(asked[i]);
       switch (look(eyes_[e], tables_.empty() ? nullptr : &tables_[e], centre, radius)) {
         case Sight::kOutside:
           break;
         case Sight::kTransparent:
-          switch_off(at, side);
-          return static_cast<int>(i);
+          if (++votes.transparent >= agreement_) return switch_off(at, side);
+          std::swap(asked[i], asked[front++]);
+          break;
         case Sight::kOpaque:
-          seen = true;
+          votes.matter = true;
           break;
         case Sight::kUndecided:
           undecided.push_back(asked[i]);
-          if (tables_.empty() && side == last_) return -1;
+          if (tables_.empty() && side == last_) return;
           break;
       }
     }
-    if (undecided.empty() && !seen) switch_off(at, side);
-    if (undecided.empty() || side == last_) return -1;
-    const int h = side / 2;
-    for (int i = 0; i < 8; ++i) {
-      const int by = carve({at[0] + (i & 1) * h, at[1] + (i >> 1 & 1) * h, at[2] + (i >> 2) * h}, h,
-                           undecided, seen, level + 1);
-      // What one half is transparent to, the next may be as well.
-      if (by > 0) std::swap(undecided[0], undecided[static_cast<size_t>(by)]);
+    if (undecided.empty()) {
+      if (!votes.matter && (votes.transparent > 0 || !keep_unseen_)) switch_off(at, side);
+      return;
     }
-    return -1;
+    const bool may_agree =
+        votes.transparent + static_cast<int>(undecided.size()) >= agreement_ || !votes.matter;
+    if (side == last_ || !may_agree) return;
+    const int h = side / 2;
+    for (int i = 0; i < 8; ++i)
+      carve({at[0] + (i & 1) * h, at[1] + (i >> 1 & 1) * h, at[2] + (i >> 2) * h}, h, undecided,
+            votes, level + 1);
   }
 
   void switch_off(const std::array<int, 3>& at, int side) {
@@ -209,7 +222,7 @@ class Carver {
   std::span<const Eye> eyes_;
   std::span<const AlphaTable> tables_;
   bool keep_unseen_;
-  int cascade_, last_;
+  int agreement_, cascade_, last_;
   OccupancyGrid& grid_;
   std::array<std::vector<int>, 5> undecided_;  // of cubes of 16, 8, 4, 2 and 1 cells
 };
@@ -220,15 +233,19 @@ void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                                  const TrainOptions& options, ThreadPool& pool,
                                  OccupancyGrid& grid) {
   std::vector<Eye> eyes;
-  for (int v : scene.train)
+  std::vector<size_t> views;
+  for (int v : scene.train) {
+    // The same photo at another size is not another one's agreement.
+    if (scene.views[static_cast<size_t>(v)].scale > 1) continue;
+    views.push_back(static_cast<size_t>(v));
     eyes.push_back(make_eye(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose),
                             photos.cameras[static_cast<size_t>(v)]));
+  }
   std::vector<AlphaTable> tables;
   if (scene.alpha && !options.keep_transparent) {
     tables.resize(eyes.size());
     pool.parallel_for(static_cast<int64_t>(tables.size()), [&](int64_t i) {
-      const size_t v = static_cast<size_t>(scene.train[static_cast<size_t>(i)]);
-      tables[static_cast<size_t>(i)] = AlphaTable(photos.photos[v]);
+      tables[static_cast<size_t>(i)] = AlphaTable(photos.photos[views[static_cast<size_t>(i)]]);
     });
   }
   if (options.keep_unseen && tables.empty()) return;

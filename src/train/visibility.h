@@ -9,9 +9,15 @@
 
 namespace nerf {
 
+// How many of so many photos must show a cell as wholly transparent for it to be empty. Mattes are
+// wrong here and there: what one or two show so and the others do not stays on and is learnt. Few
+// photos leave too little to ask for more than one.
+inline int matte_agreement(size_t photos) { return 1 + (photos >= 10) + (photos >= 50); }
+
 // Switches off the cells that no training camera sees (unless options.keep_unseen), and with alpha
-// those outside the visual hull (unless options.keep_transparent): what some photo shows as wholly
-// transparent is empty (the footprint of a cell is taken generously).
+// those outside the visual hull (unless options.keep_transparent): what matte_agreement() photos
+// show as wholly transparent, or all that see it, is empty (the footprint of a cell is taken
+// generously).
 void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                                  const TrainOptions& options, ThreadPool& pool,
                                  OccupancyGrid& grid);

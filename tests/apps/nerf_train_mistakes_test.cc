@@ -47,8 +47,11 @@ TEST_F(NerfTrain, ResumeChecksItsOptions) {
     more.insert(more.end(), {"-o", run_folder(), "--resume"});
     return train(more);
   };
-  EXPECT_EQ(resume({"--steps", "5"}).exit_code, 0);
-  expect_refused(resume({"--steps", "9"}), "nerf_train", {"begun with --steps 5, not 9"});
+  for (const char* steps : {"4", "5"})
+    expect_refused(resume({"--steps", steps}), "nerf_train",
+                   {std::string(steps) + " steps is not longer", "the run is 5 steps long"});
+  expect_refused(resume({"--steps", "9", "--minutes", "1"}), "nerf_train",
+                 {"--minutes and --steps exclude each other"});
   expect_refused(resume({"--grid-levels", "5"}), "nerf_train",
                  {"begun with --grid-levels 4, not 5"});
   expect_refused(resume({"--downscale", "2"}), "nerf_train", {"--downscale 1, not 2"});

@@ -144,6 +144,46 @@ TEST_F(NerfTrain, SigtermSavesAndLeavesWithItsCode) {
   EXPECT_EQ(steps_of_metrics(), every);
 }
 
+TEST_F(NerfTrain, AFinishedRunIsExtendedAndRepeatedByTheCommandThatIsPrinted) {
+  model_after("a run", {"--steps", "5", "--report-every", "1"});
+  const ProgramResult longer = train({"-o", run_folder(), "--resume", "--steps", "12"});
+  ASSERT_EQ(longer.exit_code, 0) << longer.err;
+  expect_line(longer, "extended to 12 steps");
+  EXPECT_EQ(nlohmann::json::parse(file("result.json"))["steps"], 12);
+  EXPECT_EQ(nlohmann::json::parse(file("options.json"))["steps"], 12);
+  std::vector<int> every(12);
+  std::iota(every.begin(), every.end(), 1);
+  EXPECT_EQ(steps_of_metrics(), every);
+  // Now by minutes.
+  const ProgramResult timed = train({"-o", run_folder(), "--resume", "--minutes", "0.03"});
+  ASSERT_EQ(timed.exit_code, 0) << timed.err;
+  expect_line(timed, "extended to 0.03 minutes");
+  EXPECT_EQ(nlohmann::json::parse(file("options.json"))["minutes"], 0.03);
+  const std::string command = printed_command(timed, "the same result again: ");
+  EXPECT_NE(command.find("--plan-changes 5:5,12:12"), std::string::npos) << command;
+  const ProgramResult again = run_program("/bin/sh", in_shell(command));
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_TRUE(model("a run") == model("a run_again"));
+}
+
+TEST_F(NerfTrain, AnExtendedRunThatIsKilledGoesOnToItsNewLength) {
+  model_after("a run", {"--steps", "5", "--report-every", "1"});
+  const auto run_until_killed = [&](Arguments more, int step) {
+    more.insert(more.end(), {"-o", run_folder(), "--resume"});
+    Program program(NERF_TRAIN_PROGRAM, more);
+    for (int i = 0; i < 3000 && steps_of_metrics().back() < step; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    EXPECT_FALSE(fs::exists(fs::path(run_folder()) / "result.json"));
+    kill(program.pid(), SIGKILL);
+    EXPECT_EQ(program.wait().exit_code, 128 + SIGKILL);
+    EXPECT_GE(steps_of_metrics().back(), step);
+  };
+  run_until_killed({"--steps", "100000000"}, 6);
+  EXPECT_EQ(nlohmann::json::parse(file("options.json"))["steps"], 100000000);
+  run_until_killed({}, steps_of_metrics().back() + 1);
+  run_until_killed({"--steps", "100000000"}, steps_of_metrics().back() + 1);
+}
+
 TEST_F(NerfTrain, ResumedWhenAllWasDoneItMeasuresAgain) {
   model_after("a run", {"--steps", "5"});
   const auto before = nlohmann::json::parse(file("result.json"));

@@ -46,11 +46,6 @@ TEST(Plan, NothingIsKeptOfWhatNoStepDependsOn) {
   EXPECT_EQ(plan.changed(15, 100).changes, (PlanChanges{{{15, 200}}}));  // of the first alone
   EXPECT_EQ(plan.changed(15, 100).progress_at(15), 0);
   EXPECT_TRUE(plan.changed(110, 200).changes.list.empty());  // the same length
-  EXPECT_TRUE(plan.changed(200, 300).changes.list.empty());  // done
-  // Done after a change: the stretch since it is planned anew.
-  const TrainingPlan longer = plan.changed(110, 150).changed(150, 300);
-  EXPECT_EQ(longer.changes, (PlanChanges{{{110, 200}}}));
-  EXPECT_NEAR(longer.progress_at(150), 0.5 + 0.5 * 40 / 190, 1e-15);
   const TrainingPlan changed = plan.changed(50, 150).changed(100, 180);
   ASSERT_EQ(changed.changes.list.size(), 2u);
   // Back at a step before: what was planned for later is forgotten.
@@ -58,6 +53,44 @@ TEST(Plan, NothingIsKeptOfWhatNoStepDependsOn) {
   EXPECT_EQ(changed.changed(50, 120).changes, (PlanChanges{{{50, 200}}}));
   EXPECT_EQ(changed.changed(30, 120).changes, (PlanChanges{{{30, 200}}}));
   EXPECT_TRUE(changed.changed(0, 120).changes.list.empty());
+}
+
+TEST(Plan, APlanThatIsDoneIsExtended) {
+  const TrainingPlan plan{200, 0.1, {}};
+  const TrainingPlan longer = plan.changed(200, 300);
+  EXPECT_EQ(longer.changes, (PlanChanges{{{200, 200}}}));
+  for (int64_t step = 0; step < 200; ++step)
+    EXPECT_EQ(longer.progress_at(step), plan.progress_at(step)) << step;
+  // As if it had been so long from the beginning; once more likewise.
+  const TrainingPlan whole{300, 0.1, {}}, longest{800, 0.1, {}};
+  const TrainingPlan again = longer.changed(300, 800);
+  EXPECT_EQ(again.changes, (PlanChanges{{{200, 200}, {300, 300}}}));
+  for (int64_t step = 200; step <= 300; ++step)
+    EXPECT_EQ(longer.progress_at(step), whole.progress_at(step)) << step;
+  for (int64_t step = 0; step < 300; ++step)
+    EXPECT_EQ(again.progress_at(step), longer.progress_at(step)) << step;
+  for (int64_t step = 300; step <= 800; ++step)
+    EXPECT_EQ(again.progress_at(step), longest.progress_at(step)) << step;
+  // After a change: the stretch since it is planned anew.
+  const TrainingPlan changed = plan.changed(110, 150).changed(150, 300);
+  EXPECT_EQ(changed.changes, (PlanChanges{{{110, 200}, {150, 150}}}));
+  EXPECT_NEAR(changed.progress_at(150), 0.5 + 0.5 * 40 / 190, 1e-15);
+  // Corrected on the way, at once as well.
+  EXPECT_EQ(longer.changed(200, 400).changes, longer.changes);
+  EXPECT_EQ(longer.changed(250, 400).changes, (PlanChanges{{{200, 200}, {250, 300}}}));
+  EXPECT_NEAR(longer.changed(250, 400).progress_at(250), whole.progress_at(250), 1e-15);
+}
+
+TEST(Plan, TheLengthInForceIsThatOfTheNextChange) {
+  const TrainingPlan plan{800, 0.1, {{{110, 200}, {150, 150}}}};
+  const struct {
+    int64_t step, length;
+  } expected[] = {{0, 200}, {109, 200}, {110, 150}, {149, 150}, {150, 800}, {900, 800}};
+  for (const auto& e : expected) EXPECT_EQ(plan.length_at(e.step), e.length) << e.step;
+  // What depends on the length itself does so within the hold too.
+  const TrainingPlan first{200, 0.1, {}};
+  EXPECT_EQ(first.changed(15, 150, /*length_matters=*/true).changes, (PlanChanges{{{15, 200}}}));
+  EXPECT_TRUE(first.changed(0, 150, /*length_matters=*/true).changes.list.empty());
 }
 
 TEST(Plan, ChangesAreAnOption) {
@@ -73,8 +106,11 @@ TEST(Plan, ChangesAreAnOption) {
   EXPECT_EQ(options.plan_changes, (PlanChanges{{{110, 200}, {130, 150}}}));
   EXPECT_EQ(option_text(field()), "110:200,130:150");
   EXPECT_NO_THROW(validate_options(options, "here"));
+  set_option_text(field(), "110:110", "here");  // extended
+  EXPECT_EQ(options.plan_changes, (PlanChanges{{{110, 110}}}));
+  set_option_text(field(), "110:200,130:150", "here");
   for (const char* bad :
-       {"110", "110:", ":200", "110:200,", ",110:200", "110:200;130:150", "0:5", "5:5", "-3:7",
+       {"110", "110:", ":200", "110:200,", ",110:200", "110:200;130:150", "0:5", "5:4", "-3:7",
         "130:150,110:200", "110:200,110:300", "1e2:200", "110:99999999999999999999", "110:200:300"})
     EXPECT_NE(test::error_of([&] { set_option_text(field(), bad, "here"); }), "") << bad;
   options.steps = 130;

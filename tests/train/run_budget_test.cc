@@ -76,13 +76,29 @@ TEST(RunBudget, ABudgetHoldsThoughTheMachineGetsSlowerOrFaster) {
   for (const auto& m : machines) {
     Trainer trainer(c.scene, c.photos, tiny_options(0), pool);
     const RunResult result = run_of_a_minute(trainer, m.before, m.after, m.turn);
-    // From 3/4 on the speed is known: the margin of late steps (2 % of what is left) and what a
-    // plan may be off without a correction (2 % of the budget).
+    // The margin of late steps (2 % of what is left), and what a plan may be off without a
+    // correction (2.5 % of the budget).
     EXPECT_NEAR(result.train_seconds, 60, 60 * 0.025 + m.after) << m.before << " " << m.after;
     const TrainingPlan plan = trainer.options().plan();
     EXPECT_EQ(plan.changes.list.empty(), m.before == m.after);
     EXPECT_EQ(bits_of(trainer), bits_of_plan(c, plan)) << m.before << " " << m.after;
   }
+}
+
+// Speed changes that no plan foresees, at any time: the budget is used, and not overrun by much.
+TEST(RunBudget, ABudgetIsUsedWheneverTheSpeedChanges) {
+  const auto c = sphere_capture();
+  ThreadPool pool(1);
+  TrainOptions options = tiny_options(0);
+  options.batch_samples = 960;
+  for (const double factor : {0.25, 0.5, 2.0, 4.0})
+    for (const double turn : {3, 11, 22, 35, 47, 55, 58}) {
+      const double before = 0.2, after = factor * before;
+      Trainer trainer(c.scene, c.photos, options, pool);
+      const double seconds = run_of_a_minute(trainer, before, after, turn).train_seconds;
+      EXPECT_GT(seconds, 0.95 * 60) << "steps take " << factor << " times as long from " << turn;
+      EXPECT_LT(seconds, 1.05 * 60) << "steps take " << factor << " times as long from " << turn;
+    }
 }
 
 TEST(RunBudget, NoCorrectionTakesMoreThanHalfOfWhatIsLeft) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "nerf/base/cancel.h"
+#include "nerf/io/cut_out.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 
@@ -51,6 +52,7 @@ struct SceneOptions {
   std::optional<Box3> bbox;                    // input coordinates; what to reconstruct
   std::optional<Vec3d> up;                     // input coordinates; overrides the estimate
   std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
+  CutOut cut_out;                              // of photos without alpha
   std::filesystem::path work_folder;           // where photos and video put frames and the model
   std::filesystem::path run_folder;            // pictures below it are no photos; empty: none
 };
@@ -70,6 +72,7 @@ struct SceneReport {
   double near = 0, far = 0;  // input units
   int masks = 0;
   std::string mask_convention;
+  std::string cut_out;  // what was found of a background of one colour; empty: nothing
   uint64_t memory_estimate_bytes = 0;  // of the photos; a trainer adds its own
   uint64_t memory_limit_bytes = 0;     // of this process
   std::vector<std::string> ignored;    // inputs that were found and not used
@@ -86,6 +89,7 @@ struct Scene {
   std::vector<int> train, test;           // indices into views
   SceneOptions options;                   // as given; `format` is the one that was found
   bool alpha = false;                     // photos carry alpha (Blender): composite on a background
+  std::optional<Rgb8> cut_out;            // photos get alpha where they have this background
 
   // Input coordinates to engine coordinates: +z up, centred on what the cameras look at. A bounded
   // scene fits [-1, 1]^3; of an unbounded one the region between the cameras does.

@@ -9,7 +9,8 @@
 
 namespace nerf {
 
-// Until `step` the training was to be `length` steps long.
+// Until `step` the training was to be `length` steps long; where the two are the same it was done
+// and then extended.
 struct PlanChange {
   int64_t step = 0, length = 0;
   bool operator==(const PlanChange&) const = default;
@@ -36,12 +37,16 @@ struct TrainingPlan {
   PlanChanges changes;
 
   // In [0, 1], never falling with `step`, the number of steps that were done: 0 during the hold,
-  // then linear to 1 at the end. From each change on linear from where it was by then.
+  // then linear to 1 at the end. From each change on linear from where it was by then; after an
+  // extension below 1 again, as if the new length had been known since the change before.
   double progress_at(int64_t step) const;
+  // The length in force as the step after `step` others was taken.
+  int64_t length_at(int64_t step) const;
   // The plan as of `done` steps, from when on it is to be so many: progress is the same until then
-  // and goes on from there, and what was planned for steps that are not done is forgotten. Where
-  // all steps are done, the last stretch is planned anew, and progress falls below 1 again.
-  TrainingPlan changed(int64_t done, int64_t steps) const;
+  // and goes on from there, and what was planned for steps that are not done is forgotten. A plan
+  // whose steps are all done is extended. What no progress depended on is not kept, unless
+  // `length_matters`: steps depend on the length itself.
+  TrainingPlan changed(int64_t done, int64_t steps, bool length_matters = false) const;
 };
 
 }  // namespace nerf

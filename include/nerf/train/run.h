@@ -13,6 +13,12 @@
 
 namespace nerf {
 
+// Of a whole run: minutes of training, or steps. Both 0: none.
+struct RunLength {
+  double minutes = 0;
+  int64_t steps = 0;
+};
+
 struct RunOptions {
   // Budget of time for training steps; evaluation and saving do not count. 0: TrainOptions::steps
   // is the length. Within TrainOptions::hold of the budget the plan is not known and nothing may
@@ -20,6 +26,9 @@ struct RunOptions {
   // speed, so that a run of that many steps gives the same bits. Where the speed changes it is
   // corrected on the way (TrainOptions::plan_changes).
   double minutes = 0;
+  // Of a run that is resumed, from now on, in place of the checkpoint's length, be it of the other
+  // kind; must be longer.
+  RunLength extend;
   double checkpoint_every = 2;  // minutes of training; 0: only at the end
   // Minutes of training, more where an evaluation takes longer than a tenth of them; 0: only at the
   // end.
@@ -43,6 +52,8 @@ struct RunCallbacks {
   std::function<void(const RunProgress&)> step;  // after every step
   // A budget's plan was fixed, corrected or, after a failure, fixed again.
   std::function<void(int64_t steps)> planned;
+  // The run has the length of RunOptions::extend, and its checkpoint too.
+  std::function<void()> extended;
   // Training went back after a failure, which `reason` names: to the step given, with half the
   // rate.
   std::function<void(const std::string& reason, int64_t step)> went_back;
@@ -74,7 +85,7 @@ inline constexpr int kMostFailures = 3;
 
 // Trains until the plan is fulfilled or `cancel` is requested. With a `checkpoint` path it saves
 // there at intervals, at the end and on cancel; with `resume` it begins with what was saved there,
-// plan and clock included. A step with a loss or gradient that is not finite goes back to the last
+// plan and clock included, and throws Error where RunOptions::extend is not longer. A step with a loss or gradient that is not finite goes back to the last
 // checkpoint of this run (else to the start); a scene that stays empty though the photos are not,
 // to the start; each time with another salt for every random number and half the rate. Throws Error
 // with the reason after kMostFailures of those, and what saving throws.

@@ -85,11 +85,11 @@ struct TrainOptions {
     v("seed", seed, "of every random number");
     v("steps", steps, "length of the training; the step size falls over it", at_least(0));
     v("plan_changes", plan_changes,
-      "until step STEP the length was LENGTH: what --minutes prints, to repeat a run whose length "
-      "was corrected on the way");
+      "until step STEP the length was LENGTH: what a run prints whose length was corrected on the "
+      "way or extended, to repeat it");
     v("background", background,
       "colour that photos with alpha are laid over, where they are compared and where a paper's "
-      "method trains on them; other photos need none");
+      "method trains on them; that of cut-out backgrounds is known, other photos need none");
     v("batch_samples", batch_samples, "network samples of a step (grid)", at_least(960),
       at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
@@ -164,7 +164,7 @@ struct TrainOptions {
     v("keep_unseen", keep_unseen,
       "cells that no camera of the training photos sees may hold matter too (grid)");
     v("keep_transparent", keep_transparent,
-      "cells that some photo with alpha shows as wholly transparent may hold matter too (grid)");
+      "cells that photos with alpha show as wholly transparent may hold matter too (grid)");
     v("keep_free", keep_free,
       "cells that lie between cameras and the points they see, or nearer to cameras than what they "
       "see, may hold matter too, where a scene is unbounded (grid)");
@@ -175,6 +175,10 @@ struct TrainOptions {
   void check_options() const;
   TrainingPlan plan() const;
 };
+
+// What the scene's photos are laid over if they have alpha: the colour that their background was
+// cut out to, else that of the options.
+Vec3 background_of(const TrainOptions& options, const Scene& scene);
 
 // Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
 // options say, or a default by the kind of scene.
@@ -251,7 +255,8 @@ class Trainer {
   // Changes the planned length (a time budget fixes it after a warm-up, and corrects it). The steps
   // before options().hold of it do not depend on it; later, progress goes on from where it is, and
   // options().plan_changes has what was planned until then. Where all planned steps are done the
-  // last stretch is planned anew, as if its length had been this since the change before.
+  // training is extended: its rate rises to what it would have been by now, had its length been
+  // this since the change before.
   void set_planned_steps(int64_t steps);
 
   // Everything needed to continue bit for bit, with a text of the caller's that load_checkpoint
