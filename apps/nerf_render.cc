@@ -51,6 +51,16 @@ void bake(RadianceField& field, const RenderPlan& plan, ThreadPool& pool, const 
     log_info(fmt::format("empty space found in {:.1f} s", clock.elapsed_seconds()));
 }
 
+// Seen from above, since a direction must be given; densities depend on it next to nowhere.
+PathOptions::Density density_of(const RadianceField& field, ThreadPool& pool) {
+  return [&](std::span<const Vec3d> points) {
+    const std::vector<Vec3d> directions(points.size(), Vec3d{0, 0, -1});
+    std::vector<Real> density(points.size()), rgb(3 * points.size());
+    field.query(points, directions, density, rgb, pool);
+    return std::vector<double>(density.begin(), density.end());
+  };
+}
+
 int render_main(int argc, char** argv) {
   RenderCommand command;
   if (parse_command_line(argc, argv, render_program_text(), command).exit) return kExitOk;
@@ -60,7 +70,8 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes());
+  const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes(),
+                                           density_of(field, pool));
   for (const std::string& note : plan.notes) log_warning(note);
   if (!command.mp4.empty()) check_video(command.mp4);
   make_writable_folder(command.out);

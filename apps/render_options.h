@@ -55,6 +55,7 @@ struct RenderCommand {
   int downscale = 1;
   std::optional<PictureKind> camera;
   std::optional<double> ipd;
+  std::filesystem::path path_transform;
   std::optional<int> frames;
   std::optional<double> fps;
   std::filesystem::path mp4;
@@ -71,7 +72,8 @@ struct RenderCommand {
       metavar("RUN"));
     v("views", views,
       "what to show: test, train, orbit, spiral, spherified, ellipse, interpolate, or a camera "
-      "path in nerfstudio's JSON format, in the input model's coordinates",
+      "path: nerfstudio's JSON, a transforms.json, a list of exported cameras, or instant-ngp's "
+      "base_cam.json, in the input model's coordinates",
       metavar("VIEWS"));
     v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"));
     v("size", size,
@@ -86,6 +88,10 @@ struct RenderCommand {
     v("ipd", ipd,
       "distance between the eyes of ods and vr180, input unit; without it 0.064, as in metres",
       at_least(0), at_most(1e6));
+    v("path_transform", path_transform,
+      "dataparser_transforms.json of the nerfstudio run in whose space the camera path is; without "
+      "it one beside the path's file, where the path then lies nearer to the photos' cameras",
+      metavar("FILE"));
     v("frames", frames, "length of the generated paths (orbit, spiral, ...); without it 120",
       at_least(1), at_most(100000));
     v("fps", fps, "frames per second of the video; without it the camera path's, or 30",

@@ -57,10 +57,13 @@ void level(const Similarity& to_engine, CameraPath& path) {
   }
 }
 
-Views find_views(const RenderCommand& command, const ModelInfo& info) {
+Views find_views(const RenderCommand& command, const ModelInfo& info,
+                 const PathOptions::Density& density) {
   const auto kinds = option_names(PathKind{});
   const auto kind = std::find_if(kinds.begin(), kinds.end(),
                                  [&](const auto& entry) { return command.views == entry.name; });
+  if (!command.path_transform.empty() && kind != kinds.end())
+    throw Error("--path-transform is for camera path files", "--path-transform", "leave it out");
   Views views;
   views.photos =
       kind != kinds.end() && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
@@ -70,9 +73,11 @@ Views find_views(const RenderCommand& command, const ModelInfo& info) {
   if (kind != kinds.end()) {
     PathOptions options;
     options.frames = command.frames.value_or(kDefaultFrames);
+    options.density = density;
     views.path = make_camera_path(info, kind->value, options);
   } else if (command.views.ends_with(".json") || fs::exists(command.views)) {
-    views.path = read_camera_path(command.views);
+    views.path = read_camera_path(command.views, info, command.path_transform);
+    views.photos = views.path.own_lenses;
   } else {
     std::vector<std::string> names;
     for (const auto& entry : kinds) names.emplace_back(entry.name);
@@ -159,8 +164,8 @@ fs::path picture_file(const std::string& view_name) {
 }
 
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
-                            uint64_t memory_bytes) {
-  const Views views = find_views(command, info);
+                            uint64_t memory_bytes, const PathOptions::Density& density) {
+  const Views views = find_views(command, info, density);
   RenderPlan plan;
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;
@@ -200,11 +205,10 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
   if (const Camera& c = plan.frames.front().camera;
       plan.picture != PictureKind::kPerspective &&
       c.width != (plan.picture == PictureKind::kVr180 ? 1 : 2) * c.height)
-    plan.notes.push_back(fmt::format("{}x{} pixels are not {}: the panorama is stretched", c.width,
-                                     c.height,
-                                     plan.picture == PictureKind::kVr180
-                                         ? "as wide as high, as 180 x 180 degrees are"
-                                         : "twice as wide as high, as 360 x 180 degrees are"));
+    plan.notes.push_back(fmt::format(
+        "{}x{} pixels are not {}: the panorama is stretched", c.width, c.height,
+        plan.picture == PictureKind::kVr180 ? "as wide as high, as 180 x 180 degrees are"
+                                            : "twice as wide as high, as 360 x 180 degrees are"));
   if (stretched)
     plan.notes.emplace_back("--size has other proportions than the photos: pictures are stretched");
   if (command.depth)

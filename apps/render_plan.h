@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "nerf/io/camera_path.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/model_info.h"
@@ -36,9 +37,9 @@ std::filesystem::path find_model_file(const std::filesystem::path& run);
 // Throws Error for views that are neither a known word nor a file, what make_camera_path and
 // read_camera_path refuse, --frames and --camera where the views have their own, --ipd where there
 // are no two eyes, pictures that do not fit into `memory_bytes`, and pictures of different sizes
-// where a video is wanted.
+// where a video is wanted. `density` says what the model has where an orbit would pass.
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
-                            uint64_t memory_bytes);
+                            uint64_t memory_bytes, const PathOptions::Density& density = {});
 
 // File of a view's picture below a folder: sub-folders kept, extension replaced by .png, parts that
 // would lead out of the folder ("..", a leading "/") dropped.

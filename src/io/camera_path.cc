@@ -6,6 +6,7 @@
 #include <map>
 #include <numbers>
 
+#include "camera_orbit.h"
 #include "nerf/base/error.h"
 #include "nerf/base/text.h"
 #include "nerf/math/camera_paths.h"
@@ -16,10 +17,8 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr Vec3d kUp{0, 0, 1};  // of the engine's frame
 
-// Cameras with a gap this wide between their azimuths stand on one side.
+// Cameras with a gap this wide between their azimuths stand on one side (spiral, ellipse).
 constexpr double kWidestGap = 150 * kPi / 180;
-// Half the arc of a swing around a single camera.
-constexpr double kLeastSwing = 8 * kPi / 180;
 // Constant speed along paths: a turn by one radian counts as much as a move by this share of the
 // distance to what the cameras look at.
 constexpr double kTurnShare = 0.5;
@@ -103,24 +102,6 @@ Rig make_rig(const ModelInfo& info) {
 Pose looking(const Rig& rig, const Vec3d& position) {
   const Vec3d ray = rig.outward ? position - rig.focus : rig.focus - position;
   return {look_rotation(length(ray) > 0 ? ray : Vec3d{1, 0, 0}, kUp), position};
-}
-
-PoseCurve orbit(const Rig& rig) {
-  double radius = 0, height = 0;
-  const auto n = static_cast<double>(rig.cameras.size());
-  for (const Pose& c : rig.cameras) {
-    radius += horizontal(c.translation - rig.focus) / n;
-    height += (c.translation.z - rig.focus.z) / n;
-  }
-  radius = std::max(radius, 0.25 * rig.distance);  // cameras straight above
-  const double swing = std::max(rig.arc.half_width, kLeastSwing);
-  return {[rig, radius, height, swing](double u) {
-            const double azimuth = rig.arc.full ? rig.arc.middle + 2 * kPi * u
-                                                : rig.arc.middle + swing * std::sin(2 * kPi * u);
-            return looking(rig, rig.focus + Vec3d{radius * std::cos(azimuth),
-                                                  radius * std::sin(azimuth), height});
-          },
-          0};
 }
 
 PoseCurve spherified(const Rig& rig) {
@@ -233,6 +214,18 @@ void add_curve(CameraPath& path, const ModelInfo& info, const PoseCurve& curve,
   }
 }
 
+// Densities by the engine's unit at points in its coordinates.
+std::function<std::vector<double>(std::span<const Vec3d>)> engine_density(
+    const ModelInfo& info, const PathOptions::Density& density) {
+  return [&info, density](std::span<const Vec3d> points) {
+    std::vector<Vec3d> input;
+    for (const Vec3d& p : points) input.push_back(info.to_engine.apply_inverse(p));
+    std::vector<double> values = density(input);
+    for (double& v : values) v /= info.to_engine.scale;
+    return values;
+  };
+}
+
 void add_interpolation(CameraPath& path, const ModelInfo& info, int frames) {
   auto views = training_views(info);
   const bool timed = has_times(info);
@@ -288,8 +281,17 @@ Camera panorama_of(PictureKind picture, int width, int height) {
 
 Camera path_camera(const ModelInfo& info) {
   const auto views = training_views(info);
+  // Of a photo that lies on a side the picture as it is seen upright.
+  const auto on_a_side = [&](const ModelView* view) {
+    const Mat3d& level = info.to_engine.apply(view->pose).rotation;
+    return std::abs(level.column(0).z) > 0.7 && std::abs(level.column(1).z) < 0.5;
+  };
+  const auto size_of = [&](const ModelView* view) {
+    const auto [w, h] = std::pair(view->camera.width, view->camera.height);
+    return on_a_side(view) ? std::pair(h, w) : std::pair(w, h);
+  };
   std::map<std::pair<int, int>, int> sizes;
-  for (const ModelView* view : views) ++sizes[{view->camera.width, view->camera.height}];
+  for (const ModelView* view : views) ++sizes[size_of(view)];
   const auto common =
       std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) {
         return a.second < b.second;
@@ -298,12 +300,11 @@ Camera path_camera(const ModelInfo& info) {
   bool fisheye = false;
   for (const ModelView* view : views) {
     const Camera& c = view->camera;
-    if (std::pair(c.width, c.height) != common) continue;
-    fx.push_back(c.fx());
-    fy.push_back(c.fy());
+    if (size_of(view) != common) continue;
+    fx.push_back(on_a_side(view) ? c.fy() : c.fx());
+    fy.push_back(on_a_side(view) ? c.fx() : c.fy());
     fisheye |= is_panorama(c) || c.model == CameraModel::kOpenCVFisheye ||
-               c.model == CameraModel::kFov ||
-               c.model == CameraModel::kSimpleRadialFisheye ||
+               c.model == CameraModel::kFov || c.model == CameraModel::kSimpleRadialFisheye ||
                c.model == CameraModel::kRadialFisheye ||
                c.model == CameraModel::kThinPrismFisheye ||
                c.model == CameraModel::kRadTanThinPrismFisheye;
@@ -333,11 +334,11 @@ CameraPath make_camera_path(const ModelInfo& info, PathKind kind, const PathOpti
       break;
     case PathKind::kOrbit: {
       const Rig rig = make_rig(info);
-      if (!rig.arc.full)
-        path.notes.emplace_back(
-            "the cameras stand on one side: the orbit swings along the arc that they cover");
+      internal::OrbitInput input{rig.cameras, rig.focus, rig.outward, {}};
+      if (options.density) input.density = engine_density(info, options.density);
+      const PoseCurve curve = internal::make_orbit(input, path.notes);
       // Even parameters: a circle at constant speed, a swing that slows down where it turns.
-      add_curve(path, info, orbit(rig), even_parameters(options.frames), "orbit");
+      add_curve(path, info, curve, even_parameters(options.frames), "orbit");
       break;
     }
     case PathKind::kSpiral: {

@@ -111,6 +111,10 @@ Pose read_pose(const Entries& frame) {
   if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
     throw Error("the matrix's last row is not 0 0 0 1", place,
                 "the matrix must be stored row by row");
+  // A camera object scaled in its program scales all three axes.
+  const double scale = length(pose.rotation.column(0));
+  if (scale > 1e-9)
+    for (int c = 0; c < 3; ++c) pose.rotation.set_column(c, pose.rotation.column(c) / scale);
   if (!(orthonormality_error(pose.rotation) <= kRotationTolerance))
     throw Error("the matrix's left 3x3 part is no rotation", place,
                 "columns must be the camera's unit axes right, up and backward");

@@ -263,6 +263,8 @@ ImageInfo read_image_info(const std::filesystem::path& path) {
     info.height = spec.height;
     info.channels = internal::layout_of(spec).channels;
     info.half_or_16bit = internal::type_of(spec) != internal::SampleType::k8;
+    const int orientation = spec.get_int_attribute("Orientation", 1);
+    if (orientation >= 1 && orientation <= 8) info.orientation = orientation;
     return info;
   });
 }

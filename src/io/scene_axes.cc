@@ -1,9 +1,7 @@
-// Up direction and focus of a capture.
+// Focus of a capture, and the rotation that makes it level.
 #include <Eigen/Dense>
 #include <cmath>
-#include <numbers>
 
-#include "nerf/math/camera_paths.h"
 #include "scene_frame.h"
 
 namespace nerf::internal {
@@ -14,83 +12,7 @@ Vec3d from_eigen(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 Eigen::Vector3d axis(const View& view, int c) { return to_eigen(view.pose.rotation.column(c)); }
 
-Eigen::Vector3d mean_axis(const std::vector<View>& views, int c) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const View& view : views) sum += axis(view, c);
-  return sum / static_cast<double>(views.size());
-}
-
-// The direction most nearly perpendicular to axis c of all cameras, near `prior` where that leaves
-// it open.
-Eigen::Vector3d level_up(const std::vector<View>& views, int c, const Eigen::Vector3d& prior) {
-  constexpr double kPriorWeight = 0.02;  // of all axes pointing the wrong way together
-  Eigen::Matrix3d m = kPriorWeight * (Eigen::Matrix3d::Identity() - prior * prior.transpose());
-  for (const View& view : views) {
-    const Eigen::Vector3d a = axis(view, c);
-    m += a * a.transpose() / static_cast<double>(views.size());
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(m);
-  const Eigen::Vector3d up = solver.eigenvectors().col(0);
-  return up.dot(prior) < 0 ? Eigen::Vector3d(-up) : up;
-}
-
-// Normal of the plane that a closed ring of cameras stands on, towards `up`; nothing where they do
-// not stand on one.
-std::optional<Eigen::Vector3d> ring_normal(const std::vector<View>& views,
-                                           const Eigen::Vector3d& up) {
-  if (views.size() < 8) return std::nullopt;
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  for (const View& view : views) mean += to_eigen(view.pose.translation);
-  mean /= static_cast<double>(views.size());
-  Eigen::Matrix3d m = Eigen::Matrix3d::Zero();
-  for (const View& view : views) {
-    const Eigen::Vector3d d = to_eigen(view.pose.translation) - mean;
-    m += d * d.transpose();
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(m);
-  const Eigen::Vector3d& variance = solver.eigenvalues();
-  // Flat to 1/20 of its width, and about as wide as long.
-  if (!(variance(0) < variance(1) / 400 && variance(1) > variance(2) / 4)) return std::nullopt;
-  std::vector<double> angles;
-  for (const View& view : views) {
-    const Eigen::Vector3d d = to_eigen(view.pose.translation) - mean;
-    angles.push_back(
-        std::atan2(d.dot(solver.eigenvectors().col(1)), d.dot(solver.eigenvectors().col(2))));
-  }
-  if (!covered_arc(angles, std::numbers::pi / 2).full) return std::nullopt;
-  Eigen::Vector3d normal = solver.eigenvectors().col(0);
-  if (normal.dot(up) < 0) normal = -normal;
-  // A ring on a slope is a ring as well: only a small correction is believable.
-  if (normal.dot(up) < std::cos(10 * std::numbers::pi / 180)) return std::nullopt;
-  return normal;
-}
-
 }  // namespace
-
-Vec3d estimate_up(const std::vector<View>& views, std::vector<std::string>& warnings) {
-  const Eigen::Vector3d own_up = -mean_axis(views, 1), own_right = mean_axis(views, 0);
-  // Photos stored on their side: the cameras' x axes agree like nothing but up and down do, while
-  // their y axes go round. Which end is up cannot be told from that.
-  if (own_up.norm() < 0.3 && own_right.norm() > 0.7) {
-    warnings.push_back(
-        "the photos seem to lie on a side: up is a guess and may be down (--up x,y,z sets it)");
-    return from_eigen(level_up(views, 1, own_right.normalized()));
-  }
-  const Eigen::Vector3d forward = mean_axis(views, 2);
-  Eigen::Vector3d prior(0, 0, 1);
-  if (own_up.norm() < 0.3 && forward.norm() > 0.7) {
-    prior = -forward.normalized();  // flown over ground, looking down and turning
-  } else if (own_up.norm() > 1e-6) {
-    prior = own_up.normalized();
-  }
-  if (own_up.norm() < 0.3 && forward.norm() <= 0.7) {
-    warnings.push_back("the cameras do not agree on an up direction (--up x,y,z sets it)");
-  }
-  const Eigen::Vector3d level = level_up(views, 0, prior);
-  // Cameras rolled about as if on a sphere have no common horizon: keep to their mean then.
-  const Eigen::Vector3d up = level.dot(prior) > 0.5 ? level : prior;
-  return from_eigen(ring_normal(views, up).value_or(up));
-}
 
 std::optional<Vec3d> estimate_focus(const std::vector<View>& views) {
   if (views.empty()) return std::nullopt;

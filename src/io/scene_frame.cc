@@ -263,10 +263,13 @@ void choose_frame(const SceneInput& input, Scene& scene) {
   Vec3d up;
   if (scene.options.up) {
     up = option_up(*scene.options.up);
+    report.up_source = "as --up says";
   } else {
-    up = estimate_up(scene.views, report.warnings);
+    UpEstimate estimate = estimate_up(scene.views, scene.points, report.warnings);
     // Blender's world has +z up by its own convention; an estimate near it is rounding.
-    if (input.blender && up.z > 0.98) up = {0, 0, 1};
+    if (input.blender && estimate.up.z > 0.98) estimate = {{0, 0, 1}, "Blender's z axis"};
+    up = estimate.up;
+    report.up_source = estimate.source;
   }
   const Mat3d rotation = rotation_to_z(up);
   const Level level = make_level(scene, rotation);

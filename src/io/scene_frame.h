@@ -10,12 +10,25 @@
 
 namespace nerf::internal {
 
-// Unit vector in input coordinates. Cameras are held level more surely than they look at the
-// horizon, so up is the direction most nearly perpendicular to all their x axes, with the mean of
-// the cameras' own up as a prior that decides where those x axes are parallel; a closed, planar
-// ring of cameras then corrects it by its normal. Adds a warning where photos seem to lie on a
-// side.
-Vec3d estimate_up(const std::vector<View>& views, std::vector<std::string>& warnings);
+struct UpEstimate {
+  Vec3d up;            // unit vector, input coordinates
+  std::string source;  // how it was found, for the report
+};
+
+// In this order:
+// 1. Photos are turned as their EXIF orientation says (View::orientation).
+// 2. Cameras are held level more surely than they look at the horizon: up is the direction most
+//    nearly perpendicular to all their horizontal axes, with the mean of the cameras' own up as a
+//    prior that decides where those are parallel. Where that does not fit, some photos lie on a
+//    side: up is the direction that each camera's horizontal or vertical axis is perpendicular to.
+//    Cameras that look down and turn (flown over ground) look against it.
+// 3. It is corrected by little, by the first of these that is there: the largest plane of the
+//    points that lies level below the cameras (a floor, a table), the plane of cameras that stand
+//    in a ring, and, where cameras look one way and so leave open how far down they look, the
+//    largest upright plane of the points (a wall).
+// Adds a warning where which end is up is a guess, or nothing agrees.
+UpEstimate estimate_up(const std::vector<View>& views, const std::vector<ScenePoint>& points,
+                       std::vector<std::string>& warnings);
 
 // Point nearest to all optical axes, by robust least squares; no value where the axes do not meet
 // in front of the cameras (forward-facing or outward-looking captures).

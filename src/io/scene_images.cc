@@ -79,6 +79,10 @@ int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory) {
                                         info.width, info.height, info.width, info.height));
     }
     view.camera = it->second;
+    // A photo that is turned to fit its camera is read upright.
+    const Camera& own = cameras[static_cast<size_t>(view.camera)];
+    const bool as_stored = own.width == info.width && own.height == info.height;
+    view.orientation = as_stored ? info.orientation : 1;
   }
   input.cameras = std::move(cameras);
   return with_alpha;

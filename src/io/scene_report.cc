@@ -52,7 +52,8 @@ std::string format_report(const SceneReport& r) {
   lines.add("extent",
             fmt::format("{} to {}", vector_text(r.extent.min), vector_text(r.extent.max)));
   lines.add("near, far", fmt::format("{:.4g}, {:.4g}", r.near, r.far));
-  lines.add("up", vector_text(r.up));
+  lines.add("up", r.up_source.empty() ? vector_text(r.up)
+                                      : fmt::format("{}, {}", vector_text(r.up), r.up_source));
   if (r.masks > 0) {
     lines.add("masks",
               fmt::format("{} of {} images", r.masks, r.images_registered - r.images_missing));

@@ -57,7 +57,7 @@ Pose rolled(const Pose& pose, double radians) {
 TEST(EstimateUp, LevelCamerasOnAnArcThatLookDown) {
   std::vector<std::string> warnings;
   for (double degrees : {90.0, 150.0, 330.0}) {
-    const Vec3d up = estimate_up(views_of(rotated(arc(20, degrees), tilted())), warnings);
+    const Vec3d up = estimate_up(views_of(rotated(arc(20, degrees), tilted())), {}, warnings).up;
     EXPECT_LT(angle(up, tilted() * Vec3d{0, 0, 1}), 1.5 * kDegree) << degrees;
     EXPECT_NEAR(length(up), 1, 1e-12);
   }
@@ -70,7 +70,7 @@ TEST(EstimateUp, HandheldRollAveragesOut) {
     poses[i] = rolled(poses[i], 6 * kDegree * std::sin(2.7 * static_cast<double>(i)));
   }
   std::vector<std::string> warnings;
-  EXPECT_LT(angle(estimate_up(views_of(poses), warnings), {0, 0, 1}), 1.5 * kDegree);
+  EXPECT_LT(angle(estimate_up(views_of(poses), {}, warnings).up, {0, 0, 1}), 1.5 * kDegree);
 }
 
 TEST(EstimateUp, ParallelCamerasKeepTheirOwnUp) {
@@ -82,7 +82,7 @@ TEST(EstimateUp, ParallelCamerasKeepTheirOwnUp) {
   }
   std::vector<std::string> warnings;
   EXPECT_LT(
-      angle(estimate_up(views_of(rotated(poses, tilted())), warnings), tilted() * Vec3d{0, 0, 1}),
+      angle(estimate_up(views_of(rotated(poses, tilted())), {}, warnings).up, tilted() * Vec3d{0, 0, 1}),
       0.1 * kDegree);
 }
 
@@ -94,14 +94,14 @@ TEST(EstimateUp, APlanarRingCorrectsRoll) {
     poses.push_back(rolled(ring_pose(i, 30), 8 * kDegree * std::cos(2 * kPi * i / 30)));
   }
   std::vector<std::string> warnings;
-  EXPECT_LT(angle(estimate_up(views_of(poses), warnings), {0, 0, 1}), 0.01 * kDegree);
+  EXPECT_LT(angle(estimate_up(views_of(poses), {}, warnings).up, {0, 0, 1}), 0.01 * kDegree);
 }
 
 TEST(EstimateUp, PhotosOnTheirSideAreWarnedOf) {
   std::vector<Pose> poses = arc(24, 345, 0.2, 0.4);
   for (Pose& p : poses) p = rolled(p, kPi / 2);
   std::vector<std::string> warnings;
-  const Vec3d up = estimate_up(views_of(poses), warnings);
+  const Vec3d up = estimate_up(views_of(poses), {}, warnings).up;
   EXPECT_LT(std::min(angle(up, {0, 0, 1}), angle(up, {0, 0, -1})), 2 * kDegree);
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_TRUE(contains(warnings[0], "lie on a side"));
@@ -118,9 +118,9 @@ TEST(EstimateUp, LookingDownFromTheAir) {
   }
   std::vector<std::string> warnings;
   EXPECT_LT(
-      angle(estimate_up(views_of(rotated(turning, tilted())), warnings), tilted() * Vec3d{0, 0, 1}),
+      angle(estimate_up(views_of(rotated(turning, tilted())), {}, warnings).up, tilted() * Vec3d{0, 0, 1}),
       5 * kDegree);
-  EXPECT_LT(angle(estimate_up(views_of(to_and_fro), warnings), {0, 0, 1}), 5 * kDegree);
+  EXPECT_LT(angle(estimate_up(views_of(to_and_fro), {}, warnings).up, {0, 0, 1}), 5 * kDegree);
   EXPECT_TRUE(warnings.empty());
 }
 

@@ -5,6 +5,8 @@
 
 #include <array>
 #include <filesystem>
+#include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -39,6 +41,7 @@ struct CameraPath {
   std::vector<PathFrame> frames;
   PictureKind picture = PictureKind::kPerspective;  // else cameras are panoramas, of one eye
   double fps = 30;
+  bool own_lenses = false;  // cameras are those of photos, to be resized with their lenses
   std::vector<std::string> notes;  // for the user: fallbacks taken, things in a file not used
 };
 
@@ -64,6 +67,10 @@ inline auto option_names(PathKind) {
 struct PathOptions {
   int frames = 120;  // of the generated paths; views are as many as they are
   double fps = 30;
+  // What the model has where a camera may go: densities (1 / input unit) at points in input
+  // coordinates. Empty: the orbit does not look out for matter.
+  using Density = std::function<std::vector<double>(std::span<const Vec3d>)>;
+  Density density{};
 };
 
 // The views of `kind` for a trained model. The generated paths:
@@ -77,8 +84,9 @@ struct PathOptions {
 //   cameras look away from the point (a panorama), away from it;
 // - close: the frame after the last would be the first. (interpolate does not.)
 // What they do where a capture does not suit them:
-// - orbit: cameras that stand on one side only (a gap of 150 degrees or more) would show what no
-//   photo has seen; it then swings along the arc that they cover, there and back;
+// - orbit: at each azimuth as far away and as high as the cameras there. Cameras that do not stand
+//   all the way round (a gap of 90 degrees or more) would show what no photo has seen; it then
+//   swings along the arc that they cover, there and back. It gives way to matter;
 // - spherified: the circle lies on the sphere around the focus whose radius is the root of the mean
 //   squared distance of the cameras, at their mean height (spherify_poses of Mildenhall et al.
 //   2020's code, whose up direction is the mean of the cameras' offsets; here it is the engine's);
@@ -104,13 +112,27 @@ Camera panorama_of(PictureKind picture, int width, int height);
 // keyframes and crop are not used; the latter gets a note.
 //
 // nerfstudio itself stores paths in the normalised coordinates of its own run. A file read or
-// written here is in the input model's coordinates, so one exported from a nerfstudio run fits only
-// where that run had neither reoriented, recentred nor scaled its poses.
+// written by these is in the input model's coordinates; read_camera_path() with a model, below,
+// takes the other kind as well.
 //
 // Throws Error naming the file and the place (line:column, or camera_path[3].fov): not JSON,
 // missing or mistyped entries, not-a-number, a matrix that is no rigid transform, sizes outside 1
 // to 16384. Frames are named after the file: flight_0000 of flight.json.
 CameraPath read_camera_path(const std::filesystem::path& path);
+
+// A camera path of any tool for a trained model, told by what the file holds:
+// - nerfstudio's, as above;
+// - transforms.json (nerfstudio, instant-ngp, Blender): its poses, in order, with its intrinsics,
+//   or the photos' where it has none;
+// - a list of {"file_path", "transform": 3x4}, as nerfstudio exports its cameras: with the lens of
+//   the model's view of that name, else the photos';
+// - instant-ngp's base_cam.json: {"path": [{"R", "T", "fov"}], "loop", "duration_seconds"}, 30
+//   frames a second; "scale" and "offset" of a transforms.json beside it are obeyed.
+// `transform` is the dataparser_transforms.json of the nerfstudio run whose normalised space the
+// path is in. Where it is empty, one beside the file is used if the path then lies nearer to the
+// model's cameras. Notes say so, and where a path lies far from them. Throws Error as above.
+CameraPath read_camera_path(const std::filesystem::path& path, const ModelInfo& info,
+                            const std::filesystem::path& transform = {});
 CameraPath parse_camera_path(const std::string& json, const std::string& where,
                              const std::string& frame_prefix);
 

@@ -23,7 +23,8 @@ struct View {
   int camera = 0;                    // index into Scene::cameras
   Pose pose;                         // camera-to-world, input coordinates, OpenCV axes
   double time = 0;                   // [0, 1]; 0 where the capture has no time
-  int scale = 1;  // the photo is reduced by this (photo_scales.h); a pixel weighs its square
+  int orientation = 1;  // EXIF's, of the pixels as the trainer reads them; 1: nothing to turn
+  int scale = 1;        // the photo is reduced by this (photo_scales.h); a pixel weighs its square
 };
 
 struct ScenePoint {
@@ -68,6 +69,7 @@ struct SceneReport {
   double mean_reprojection_error = 0;      // pixels; 0 where unknown
   int points = 0;
   Vec3d up;                  // input coordinates, unit
+  std::string up_source;     // how it was found
   Box3 extent;               // of cameras and central points, input coordinates
   double near = 0, far = 0;  // input units
   int masks = 0;
