@@ -225,6 +225,8 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
                   where, "leave it out with --resume, or begin another run with -o");
     fields[i].set(were[i].get());
   }
+  // Of another length; how that of the checkpoint changed, it knows itself.
+  if (given.contains("minutes") || given.contains("steps")) command.train.plan_changes = {};
 }
 
 std::string equivalent_command(const TrainCommand& command, const TrainingPlan& plan) {

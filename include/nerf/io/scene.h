@@ -1,5 +1,5 @@
 // A capture as the trainer sees it: cameras, views, sparse points, splits and the frame that the
-// engine works in. Reading it decodes no photo.
+// engine works in. A few photos are decoded, for what they have of alpha or of a cut-out colour.
 #pragma once
 
 #include <cstdint>
