@@ -95,7 +95,8 @@ CameraPath read_transforms_path(const PathSource& source) {
   const Camera usual = path_camera(source.info);
   bool says_lens = false;
   for (size_t i = 0; i < frames.size(); ++i) {
-    const FrameJson frame{frames[i], source.document, fmt::format("{}: frames[{}]", source.where, i)};
+    const FrameJson frame{frames[i], source.document,
+                          fmt::format("{}: frames[{}]", source.where, i)};
     if (!frames[i].is_object()) frame.fail("expected an object");
     const FrameJson own{frames[i], frames[i], frame.where};
     const json* matrix = own.find("transform_matrix");
@@ -157,6 +158,7 @@ CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& 
   const internal::PathSource source{document, info, where, file.stem().string(),
                                     file.parent_path()};
   CameraPath path;
+  bool of_nerfstudio = true;
   if (document.is_array()) {
     path = internal::read_pose_list(source);
   } else if (document.is_object() && document.contains("frames") &&
@@ -165,6 +167,7 @@ CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& 
   } else if (document.is_object() && document.contains("path") &&
              !document.contains("camera_path")) {
     path = internal::read_instant_ngp_path(source);
+    of_nerfstudio = false;
   } else if (document.is_object() && document.contains("keyframes") &&
              !document.contains("camera_path")) {
     throw Error("holds keyframes and no path between them", where,
@@ -172,7 +175,7 @@ CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& 
   } else {
     path = parse_camera_path(text, where, file.stem().string());
   }
-  internal::place_path(path, file, transform, info);
+  internal::place_path(path, file, transform, info, of_nerfstudio);
   return path;
 }
 

@@ -38,9 +38,9 @@ Pose opengl_pose(const nlohmann::json& rows, const std::string& where);
 
 // Brings a path that a nerfstudio run wrote in its own normalised space back to the input model's
 // coordinates. `transform` is that run's dataparser_transforms.json; where it is empty, the one
-// beside `file`, if there is one and the cameras then lie nearer to the model's. Adds notes, also
-// where the path lies far from the model's cameras.
+// beside `file`, if `look_beside`, there is one, and the cameras then lie nearer to the model's.
+// Adds notes, also where the path lies far from the model's cameras.
 void place_path(CameraPath& path, const std::filesystem::path& file,
-                const std::filesystem::path& transform, const ModelInfo& info);
+                const std::filesystem::path& transform, const ModelInfo& info, bool look_beside);
 
 }  // namespace nerf::internal

@@ -1,7 +1,7 @@
 // instant-ngp's base_cam.json.
 //
 // Its keys are poses in the cube that instant-ngp trains in: a position p of the scene stands at
-// (s p + o) with the axes x, y, z then named z, x, y; s and o are what the capture's transforms.json
+// s p + o with the axes x, y, z then named z, x, y; s and o are what the capture's transforms.json
 // says as "scale" and "offset" (or "aabb"), else 0.33 and (0.5, 0.5, 0.5). Rotations are of cameras
 // with OpenCV axes, as quaternions x, y, z, w. fov is vertical, degrees. "scale" and "slice" say
 // where its focal plane lies, and do not move the camera.
@@ -54,7 +54,8 @@ Cube cube_of(const fs::path& transforms) {
   if (!document.is_object()) return cube;
   const FrameJson file{document, document, where};
   if (const json* aabb = file.find("aabb")) {
-    if (!aabb->is_array() || aabb->size() != 2) throw Error("expected two corners", where + ": aabb");
+    if (!aabb->is_array() || aabb->size() != 2)
+      throw Error("expected two corners", where + ": aabb");
     const auto lo = numbers<3>((*aabb)[0], where + ": aabb");
     const auto hi = numbers<3>((*aabb)[1], where + ": aabb");
     double side = 1e-6;

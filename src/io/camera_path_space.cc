@@ -54,7 +54,8 @@ void read_rows(const json& rows, const std::string& where, Mat3d& rotation, Vec3
         translation[static_cast<int>(r)] = x;
     }
   }
-  if (!(orthonormality_error(rotation) <= 1e-3)) throw Error("does not begin with a rotation", where);
+  if (!(orthonormality_error(rotation) <= 1e-3))
+    throw Error("does not begin with a rotation", where);
 }
 
 Normalisation read_normalisation(const fs::path& file) {
@@ -124,13 +125,14 @@ double spread_of(const ModelInfo& info, const std::vector<Vec3d>& cameras) {
 }  // namespace
 
 void place_path(CameraPath& path, const fs::path& file, const fs::path& transform,
-                const ModelInfo& info) {
+                const ModelInfo& info, bool look_beside) {
   const std::vector<Vec3d> cameras = positions_of(info);
   if (cameras.empty() || path.frames.empty()) return;
   double distance = distance_from(cameras, path);
   const fs::path beside = file.parent_path() / kTransformFile;
+  const bool found = look_beside && is_file(beside);
   const fs::path& used = transform.empty() ? beside : transform;
-  if (!transform.empty() || is_file(beside)) {
+  if (!transform.empty() || found) {
     const Normalisation normalisation = read_normalisation(used);
     CameraPath placed = path;
     for (PathFrame& frame : placed.frames)
@@ -164,7 +166,7 @@ void place_path(CameraPath& path, const fs::path& file, const fs::path& transfor
         "the path lies {:.3g} from the nearest camera, and the cameras {:.3g} from their middle: "
         "it may be in another tool's coordinates{}",
         distance, spread,
-        transform.empty() && !is_file(beside)
+        transform.empty() && !found
             ? " (--path-transform takes nerfstudio's dataparser_transforms.json)"
             : ""));
 }

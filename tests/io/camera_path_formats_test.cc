@@ -130,7 +130,8 @@ Ngp to_ngp(const Pose& pose, double scale, const Vec3d& offset) {
 std::string key(const Pose& pose, double scale = 0.33, const Vec3d& offset = {0.5, 0.5, 0.5},
                 double sign = 1) {
   const Ngp k = to_ngp(pose, scale, offset);
-  return fmt::format(R"({{"R": [{:.17g}, {:.17g}, {:.17g}, {:.17g}], "T": [{:.17g}, {:.17g}, {:.17g}],
+  return fmt::format(R"({{"R": [{:.17g}, {:.17g}, {:.17g}, {:.17g}],
+                         "T": [{:.17g}, {:.17g}, {:.17g}],
                          "fov": 50, "scale": 1.5, "slice": 0.2, "timestamp": 0}})",
                      sign * k.r[0], sign * k.r[1], sign * k.r[2], sign * k.r[3], k.t.x, k.t.y,
                      k.t.z);
@@ -196,7 +197,8 @@ TEST_F(PathFormats, MistakesNameFileAndPlace) {
             "not a number"},
            {"{\"frames\": [{}]}", "frames[0]: there is no \"transform_matrix\""},
            {"{\"path\": []}", "path: expected a list"},
-           {"{\"path\": [{\"R\": [0, 0, 0, 0], \"T\": [0, 0, 0]}]}", "path[0]: \"R\" is no rotation"},
+           {"{\"path\": [{\"R\": [0, 0, 0, 0], \"T\": [0, 0, 0]}]}",
+            "path[0]: \"R\" is no rotation"},
            {"{\"path\": [{\"R\": [0, 0, 1], \"T\": [0, 0, 0]}]}", "path[0].R: expected 4 numbers"},
            {"{\"path\": [{\"T\": [0, 0, 0]}]}", "path[0]: there is no \"R\""},
            {"{\"keyframes\": []}", "keyframes and no path"},
@@ -253,6 +255,10 @@ TEST_F(PathFormats, ANormalisedPathIsBroughtBack) {
   const CameraPath own = read(fmt::format("[{}]", fmt::join(plain, ",")));
   expect_same(own.frames[3].camera_to_world, info_.views[3].pose);
   EXPECT_NE(own.notes.at(0).find("not used"), std::string::npos);
+  // Another tool's path is none of that run's.
+  const CameraPath other = read("{\"path\": [" + key(info_.views[3].pose) + "]}");
+  expect_same(other.frames[0].camera_to_world, info_.views[3].pose, 1e-6);
+  EXPECT_TRUE(other.notes.empty());
 }
 
 TEST_F(PathFormats, WhatNerfstudioAppliedToTransformsJsonCounts) {

@@ -82,7 +82,8 @@ TEST(EstimateUp, ParallelCamerasKeepTheirOwnUp) {
   }
   std::vector<std::string> warnings;
   EXPECT_LT(
-      angle(estimate_up(views_of(rotated(poses, tilted())), {}, warnings).up, tilted() * Vec3d{0, 0, 1}),
+      angle(estimate_up(views_of(rotated(poses, tilted())), {}, warnings).up,
+            tilted() * Vec3d{0, 0, 1}),
       0.1 * kDegree);
 }
 
@@ -118,7 +119,8 @@ TEST(EstimateUp, LookingDownFromTheAir) {
   }
   std::vector<std::string> warnings;
   EXPECT_LT(
-      angle(estimate_up(views_of(rotated(turning, tilted())), {}, warnings).up, tilted() * Vec3d{0, 0, 1}),
+      angle(estimate_up(views_of(rotated(turning, tilted())), {}, warnings).up,
+            tilted() * Vec3d{0, 0, 1}),
       5 * kDegree);
   EXPECT_LT(angle(estimate_up(views_of(to_and_fro), {}, warnings).up, {0, 0, 1}), 5 * kDegree);
   EXPECT_TRUE(warnings.empty());
