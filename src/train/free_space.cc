@@ -14,7 +14,9 @@ constexpr double kNearShare = 0.9;      // of the distance to the nearest points
 constexpr double kNearQuantile = 0.01;  // of the points that a view sees; nearer ones may be wrong
 constexpr size_t kEnoughPoints = 20;    // in a view, to tell where its content begins
 constexpr double kSightShare = 0.85;    // of a line of sight; a surface has some depth
-constexpr double kAround = 1;           // of the near distance: where cameras go there is no matter
+constexpr int kSureViews = 3;           // of a point that may be nearer than all that a photo saw
+constexpr size_t kSurePoints = 4;       // of them, the nearest of which may be wrong
+constexpr size_t kMostPoints = 20000;   // that are looked at for each view
 const double kHalfDiagonal = 0.5 * std::sqrt(3.0);  // of a cell of width 1
 
 // Witnesses of each cell, counted up to two. The same for any order and any number of threads.
@@ -97,6 +99,38 @@ bool shows(const Camera& camera, const Vec3d& p) {
          pixel->y < camera.height;
 }
 
+// A property of all cells of one cascade, by place along each axis.
+class CellSet {
+ public:
+  explicit CellSet(int side)
+      : side_(side),
+        is_(static_cast<size_t>(side) * static_cast<size_t>(side) * static_cast<size_t>(side)) {}
+  uint8_t& at(int x, int y, int z) {
+    return is_[(static_cast<size_t>(z) * static_cast<size_t>(side_) + static_cast<size_t>(y)) *
+                   static_cast<size_t>(side_) +
+               static_cast<size_t>(x)];
+  }
+  // Takes in cells next to one that is `value`, diagonals included, so that they are so too; what
+  // lies outside is as the cell at the border.
+  void spread(uint8_t value) {
+    const size_t n = static_cast<size_t>(side_);
+    std::vector<uint8_t> before;
+    for (const size_t stride : {size_t{1}, n, n * n}) {
+      before = is_;
+      for (size_t i = 0; i < is_.size(); ++i) {
+        const size_t place = i / stride % n;
+        if ((place > 0 && before[i - stride] == value) ||
+            (place + 1 < n && before[i + stride] == value))
+          is_[i] = value;
+      }
+    }
+  }
+
+ private:
+  int side_;
+  std::vector<uint8_t> is_;
+};
+
 // Cells that hold a point which two photos agree on, and their neighbours.
 std::vector<uint8_t> cells_with_points(const Scene& scene, const OccupancyGrid& grid) {
   std::vector<uint8_t> out(static_cast<size_t>(grid.cascades() * grid.cells()));
@@ -117,24 +151,64 @@ std::vector<uint8_t> cells_with_points(const Scene& scene, const OccupancyGrid& 
   return out;
 }
 
+double nearest(std::vector<double>& distances, size_t least) {
+  const size_t n = distances.size();
+  const size_t at = std::min(
+      n - 1, std::max(least, static_cast<size_t>(
+                                 std::lround(kNearQuantile * static_cast<double>(n - 1)))));
+  std::nth_element(distances.begin(), distances.begin() + static_cast<std::ptrdiff_t>(at),
+                   distances.end());
+  return distances[at];
+}
+
+// Distances, engine units, within which a view's camera has no matter.
+struct Nearness {
+  size_t view;
+  double in_picture, around;
+};
+
+// Of views that see enough points to tell.
+std::vector<Nearness> nearness_of_views(const Scene& scene) {
+  std::vector<Nearness> out;
+  if (!scene.unbounded) return out;
+  std::vector<std::vector<double>> seen(scene.views.size());
+  for (const Observation& o : scene.observations) {
+    const size_t v = static_cast<size_t>(o.image);
+    const Vec3d& p = scene.points[static_cast<size_t>(o.point)].position;
+    seen[v].push_back(length(p - scene.views[v].pose.translation) * scene.to_engine.scale);
+  }
+  // What a photo shows but was not recognised in it, others tell.
+  std::vector<Vec3d> points;
+  for (const ScenePoint& p : scene.points)
+    if (p.views >= kSureViews) points.push_back(p.position);
+  const size_t every = std::max<size_t>(1, points.size() / kMostPoints);
+  std::vector<double> in_picture, around;
+  for (size_t v = 0; v < seen.size(); ++v) {
+    if (seen[v].size() < kEnoughPoints) continue;
+    const View& view = scene.views[v];
+    const Pose to_camera = view.pose.inverse();
+    in_picture.clear();
+    around.clear();
+    for (size_t i = 0; i < points.size(); i += every) {
+      const Vec3d p = to_camera * points[i];
+      const double d = length(p) * scene.to_engine.scale;
+      around.push_back(d);
+      if (shows(scene.cameras[static_cast<size_t>(view.camera)], p)) in_picture.push_back(d);
+    }
+    double near = nearest(seen[v], 0);
+    if (!in_picture.empty()) near = std::min(near, nearest(in_picture, kSurePoints));
+    const double any = around.empty() ? near : std::min(near, nearest(around, kSurePoints));
+    out.push_back({v, kNearShare * near, kNearShare * any});
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<double> near_of_views(const Scene& scene) {
   std::vector<double> near(scene.views.size(), scene.near);
-  if (!scene.unbounded) return near;
-  std::vector<std::vector<double>> distances(scene.views.size());
-  for (const Observation& o : scene.observations) {
-    const size_t v = static_cast<size_t>(o.image);
-    const Vec3d& p = scene.points[static_cast<size_t>(o.point)].position;
-    distances[v].push_back(length(p - scene.views[v].pose.translation) * scene.to_engine.scale);
-  }
-  for (size_t v = 0; v < near.size(); ++v) {
-    std::vector<double>& d = distances[v];
-    if (d.size() < kEnoughPoints) continue;
-    const auto at = d.begin() + std::lround(kNearQuantile * static_cast<double>(d.size() - 1));
-    std::nth_element(d.begin(), at, d.end());
-    near[v] = std::max(near[v], kNearShare * *at);
-  }
+  for (const Nearness& n : nearness_of_views(scene))
+    near[n.view] = std::max(near[n.view], n.in_picture);
   return near;
 }
 
@@ -154,20 +228,37 @@ void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPoo
     witnesses.add_line(eye, eye + (p - eye) * kSightShare);
   });
 
-  const std::vector<double> near = near_of_views(scene);
-  pool.parallel_for(static_cast<int64_t>(scene.train.size()), [&](int64_t i) {
-    const size_t v = static_cast<size_t>(scene.train[static_cast<size_t>(i)]);
-    const Pose pose = scene.to_engine.apply(scene.views[v].pose), to_camera = pose.inverse();
-    witnesses.add_ball(pose.translation, near[v], [&](const Vec3d& middle, double farthest) {
-      return farthest <= kAround * near[v] || shows(photos.cameras[v], to_camera * middle);
+  const std::vector<Nearness> near = nearness_of_views(scene);
+  pool.parallel_for(static_cast<int64_t>(near.size()), [&](int64_t i) {
+    const Nearness& n = near[static_cast<size_t>(i)];
+    if (!trains[n.view]) return;
+    const Pose pose = scene.to_engine.apply(scene.views[n.view].pose), to_camera = pose.inverse();
+    witnesses.add_ball(pose.translation, n.in_picture, [&](const Vec3d& middle, double farthest) {
+      return farthest <= n.around || shows(photos.cameras[n.view], to_camera * middle);
     });
   });
 
   const std::vector<uint8_t> points = cells_with_points(scene, grid);
-  for (int c = 0; c < grid.cascades(); ++c)
-    for (int64_t i = 0; i < grid.cells(); ++i)
-      if (witnesses.two(c, i) && !points[static_cast<size_t>(c * grid.cells() + i)])
-        grid.switch_off(c, i);
+  pool.parallel_for(grid.cascades(), [&](int64_t i) {
+    const int c = static_cast<int>(i);
+    const auto each_cell = [&](const auto& body) {
+      for (int z = 0; z < grid.side(); ++z)
+        for (int y = 0; y < grid.side(); ++y)
+          for (int x = 0; x < grid.side(); ++x) body(x, y, z, grid.cell_at({x, y, z}));
+    };
+    CellSet free(grid.side());
+    each_cell(
+        [&](int x, int y, int z, int64_t cell) { free.at(x, y, z) = witnesses.two(c, cell); });
+    // Gaps of a cell between lines close. Then the rim goes: a line past an edge crosses a cell
+    // that the edge is in.
+    free.spread(1);
+    free.spread(0);
+    free.spread(0);
+    each_cell([&](int x, int y, int z, int64_t cell) {
+      if (free.at(x, y, z) && !points[static_cast<size_t>(c * grid.cells() + cell)])
+        grid.switch_off(c, cell);
+    });
+  });
 }
 
 }  // namespace nerf
