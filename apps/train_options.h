@@ -53,6 +53,7 @@ struct TrainCommand {
   int scales = 1;
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
+  std::optional<double> near, far;
   std::string camera_model = "SIMPLE_RADIAL";
   int threads = 0;
   bool resume = false;
@@ -94,6 +95,8 @@ struct TrainCommand {
       at_least(1), at_most(6));
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");
+    v("near", near, "distance from every camera at which content may begin, input unit", above(0));
+    v("far", far, "distance from the cameras at which content ends, input unit", above(0));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "

@@ -8,6 +8,7 @@
 
 #include "nerf/io/capture_tools.h"
 #include "paths.h"
+#include "photo_conversion.h"
 
 namespace nerf::internal {
 
@@ -51,9 +52,11 @@ bool holds_images(const fs::path& folder, int depth = 1) {
   return false;
 }
 
-// The folder whose photos count: images/ where it holds any, else the folder itself.
+// The folder whose photos count: images/ or input/ where it holds any, else the folder itself.
 fs::path photo_folder(const fs::path& root) {
-  return holds_images(root / "images") ? root / "images" : root;
+  for (const char* name : {"images", "input"})
+    if (holds_images(root / name)) return root / name;
+  return root;
 }
 
 bool has_format(const fs::path& path, SceneFormat format) {
@@ -110,9 +113,12 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
                 photos.string(), "put the photos into images/ beside masks/");
   }
-  SceneInput input = read_colmap_scene(
-      run_colmap_on_photos(photos, {work_folder(run.options), run.options.run_folder},
-                           run.options.camera_model, run.progress, run.cancel));
+  const CaptureFolders folders{work_folder(run.options), run.options.run_folder};
+  std::vector<std::string> notes;
+  const fs::path prepared = prepared_photos(photos, folders, run.progress, run.cancel, notes);
+  SceneInput input = read_colmap_scene(run_colmap_on_photos(
+      prepared, folders, run.options.camera_model, run.progress, run.cancel));
+  input.notes.insert(input.notes.begin(), notes.begin(), notes.end());
   input.format = "photos, " + input.format;
   input.mask_folders = {mask_root / "masks"};
   return input;

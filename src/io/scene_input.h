@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,13 +25,19 @@ struct SceneInput {
   };
   std::vector<Depths> depths;          // where the files say so, of all registered views
   std::filesystem::path image_folder;  // what View::name is relative to, for masks
+  std::filesystem::path listing;       // the file that names the images, for errors; may be empty
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
   int images_total = 0;  // listed by the files or found beside the registered ones
   bool blender = false;  // rendered: +z is up, and alpha, where there is any, is real
-  std::vector<std::string> ignored, warnings;
+  std::optional<Vec3d> up;                       // where the files say it
+  std::vector<std::filesystem::path> point_files;  // named as the points; read where there are none
+  std::vector<std::string> notes, ignored, warnings;
 };
 
-// root/sparse/N, root/sparse, root/colmap/sparse/N, root/colmap/sparse or root itself.
+// Leaves out the views whose entry is 0, with what runs parallel to them.
+void keep_views(SceneInput& input, const std::vector<char>& keep);
+
+// Models below root: sparse/N, sparse, colmap/sparse/N, dense/sparse, distorted/sparse/0, or root itself.
 std::vector<std::filesystem::path> find_colmap_models(const std::filesystem::path& root);
 SceneInput read_colmap_scene(const std::filesystem::path& root);
 

@@ -1,5 +1,6 @@
 // Images in memory and on disk (through OpenImageIO). Pixels are taken as stored: EXIF orientation
-// is never applied, colour is not converted, alpha stays straight (not premultiplied).
+// is told and not applied (HEIF's and raw files' own turning is part of their decoding), colour is
+// not converted, alpha stays straight (not premultiplied).
 #pragma once
 
 #include <cstdint>
@@ -31,6 +32,10 @@ struct ImageInfo {
   // Channels that are used: 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
   int width = 0, height = 0, channels = 0;
   bool half_or_16bit = false;  // anything that 8 bits would cut
+  // EXIF's: where the first row and column belong when the image is shown. 1 as stored, 2 mirrored,
+  // 3 upside down, 6 and 8 to be turned clockwise and counterclockwise, 5 and 7 mirrored as well.
+  int orientation = 1;
+  bool lies_on_its_side() const { return orientation >= 5; }
 };
 
 // Reads only the header. Throws Error: missing, not an image, sizes that no photo has.

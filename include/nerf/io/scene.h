@@ -44,6 +44,7 @@ struct SceneOptions {
   int downscale = 1;                           // photos divided by this, area average
   std::optional<Box3> bbox;                    // input coordinates; what to reconstruct
   std::optional<Vec3d> up;                     // input coordinates; overrides the estimate
+  std::optional<double> near, far;             // input units; override the estimates
   std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
   std::filesystem::path work_folder;           // where photos and video put frames and the model
   std::filesystem::path run_folder;            // pictures below it are no photos; empty: none
@@ -66,6 +67,7 @@ struct SceneReport {
   std::string mask_convention;
   uint64_t memory_estimate_bytes = 0;  // of the photos; a trainer adds its own
   uint64_t memory_limit_bytes = 0;     // of this process
+  std::vector<std::string> notes;      // how files were understood that say it in an odd way
   std::vector<std::string> ignored;    // inputs that were found and not used
   std::vector<std::string> warnings;
 };
