@@ -165,8 +165,8 @@ std::vector<std::string> unused_options(const TrainCommand& command,
     out.push_back(
         "--recipe-near and --recipe-far are not used: normalised device coordinates go from the "
         "near plane to infinity");
-  if (given.contains("far") && (grid ? !scene.unbounded
-                                     : command.train.network.space == Space::kNdc))
+  if (given.contains("far") &&
+      (grid ? !scene.unbounded : command.train.network.space == Space::kNdc))
     out.push_back(grid ? "--far is not used: the scene ends with its box (--bbox)"
                        : "--far is not used: normalised device coordinates go to infinity");
   if (command.holdout == Holdout::kNone &&

@@ -114,10 +114,10 @@ ColmapModel ColmapBuilder::finish() {
   }
   if (!left_out_.empty()) {
     if (model_.images.empty()) throw *first_problem_;
-    warn(fmt::format("{} of {} images are left out, their camera or pose is not finite or no "
-                     "lens has it: {}",
-                     left_out_.size(), left_out_.size() + model_.images.size(),
-                     name_list(left_out_)));
+    warn(fmt::format(
+        "{} of {} images are left out, their camera or pose is not finite or no "
+        "lens has it: {}",
+        left_out_.size(), left_out_.size() + model_.images.size(), name_list(left_out_)));
   }
   return std::move(model_);
 }

@@ -100,8 +100,7 @@ std::vector<fs::path> image_folders(const fs::path& root, const fs::path& worksp
   add(root);
   // The path is that of the model itself, sparse/0.
   const fs::path whole = fs::absolute(root).lexically_normal();
-  for (fs::path above = whole.parent_path(); is_colmap_model(whole);
-       above = above.parent_path()) {
+  for (fs::path above = whole.parent_path(); is_colmap_model(whole); above = above.parent_path()) {
     for (const char* name : kImageFolders) add(above / name);
     if (above.filename() != "sparse") break;
   }

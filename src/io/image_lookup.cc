@@ -77,8 +77,7 @@ fs::path Lookup::only_of_stem(const fs::path& path) {
 FoundImage Lookup::find_tail(const std::string& forward, bool by_stem) {
   std::string tail = clean_image_name(without_drive(forward));
   for (bool whole = true;; whole = false) {
-    const fs::path path =
-        by_stem ? only_of_stem(folder_ / tail) : with_extension(folder_ / tail);
+    const fs::path path = by_stem ? only_of_stem(folder_ / tail) : with_extension(folder_ / tail);
     if (!path.empty())
       return {path, tail, by_stem ? How::kByStem : whole ? How::kAsNamed : How::kByTail};
     const size_t slash = tail.find('/');

@@ -1,4 +1,5 @@
-// Which file a capture means by an image's name, where files were moved, converted or renamed since.
+// Which file a capture means by an image's name, where files were moved, converted or renamed
+// since.
 #pragma once
 
 #include <filesystem>

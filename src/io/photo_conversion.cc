@@ -82,8 +82,8 @@ OIIO::ImageSpec metadata_of(const fs::path& path) {
   for (const auto& attribute : in->spec().extra_attribs) {
     const std::string name = attribute.name().string();
     const bool exif = name == "Make" || name == "Model" || name == "FNumber" ||
-                      name == "ExposureTime" || name == "DateTime" ||
-                      name.starts_with("Exif:") || name.starts_with("GPS:");
+                      name == "ExposureTime" || name == "DateTime" || name.starts_with("Exif:") ||
+                      name.starts_with("GPS:");
     if (exif && !name.ends_with("PixelXDimension") && !name.ends_with("PixelYDimension") &&
         !name.ends_with("MakerNote"))
       metadata.attribute(name, attribute.type(), attribute.data());

@@ -41,9 +41,10 @@ Camera camera_of_photo(const Camera& camera, const View& view, int width, int he
   if (camera.width < 1 || camera.height < 1) throw Error(says(), view.image_path.string());
   if (!same_shape(width, height, camera.width, camera.height)) {
     if (same_shape(height, width, camera.width, camera.height)) {
-      throw Error(says() + ": one of them is turned by 90 degrees", view.image_path.string(),
-                  "the photo has no EXIF orientation that says so: store it as the model saw it, or "
-                  "run COLMAP on it as it is stored");
+      throw Error(
+          says() + ": one of them is turned by 90 degrees", view.image_path.string(),
+          "the photo has no EXIF orientation that says so: store it as the model saw it, or "
+          "run COLMAP on it as it is stored");
     }
     throw Error(says() + ": it was cropped or belongs to another model", view.image_path.string(),
                 "photos may be resized after COLMAP, but keep their shape");

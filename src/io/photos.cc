@@ -42,8 +42,7 @@ class PixelReader {
     const bool grey = image_.channels < 3;
     const auto in = static_cast<size_t>(image_.channels);
     int64_t pixel = shown_.at(0, y);
-    for (size_t o = 0; o < out.size();
-         o += static_cast<size_t>(channels), pixel += shown_.step_x) {
+    for (size_t o = 0; o < out.size(); o += static_cast<size_t>(channels), pixel += shown_.step_x) {
       const size_t at = static_cast<size_t>(pixel) * in;
       for (size_t c = 0; c < 3; ++c) out[o + c] = number(at + (grey ? 0 : c));
       if (channels == 3) continue;
@@ -101,8 +100,8 @@ void convert(StoredImage& image, int orientation, const std::string& name, Photo
   photo.channels = any_transparent(image) ? 4 : 3;
   const ShownPixels shown = internal::shown_pixels(orientation, image.width, image.height);
   const bool same_size = shown.width == photo.width && shown.height == photo.height;
-  if (orientation == 1 && same_size && image.type == SampleType::k8 && image.channels == photo.channels &&
-      !image.premultiplied) {
+  if (orientation == 1 && same_size && image.type == SampleType::k8 &&
+      image.channels == photo.channels && !image.premultiplied) {
     photo.pixels8 = std::move(image.samples8);
     return;
   }
@@ -215,8 +214,8 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
     Photo& photo = set.photos[i];
     photo.width = internal::downscaled(shown.width, downscale);
     photo.height = internal::downscaled(shown.height, downscale);
-    set.cameras[i] = internal::camera_of_photo(camera, view, shown.width, shown.height,
-                                               photo.width, photo.height);
+    set.cameras[i] = internal::camera_of_photo(camera, view, shown.width, shown.height, photo.width,
+                                               photo.height);
     internal::add_photo(memory, infos[i], !view.mask_path.empty(), downscale);
   }
   internal::check_photo_memory(memory, pool.size(), available_memory_bytes(), downscale,

@@ -181,7 +181,8 @@ class PlyFile {
     if (n == 0) return false;
     const char* begin = word.data() + (word[0] == '+' ? 1 : 0);
     const auto [end, problem] = std::from_chars(begin, word.data() + n, *value);
-    if (problem == std::errc::result_out_of_range) *value = 0;
+    if (problem == std::errc::result_out_of_range)
+      *value = 0;
     else if (problem != std::errc() || end != word.data() + n)
       fail(fmt::format("\"{}\" is no number", printable({word.data(), n})), kHint);
     return true;
@@ -189,8 +190,8 @@ class PlyFile {
 
   bool read_bytes(const Type& type, double* value) {
     std::array<char, 8> raw{};
-    if (static_cast<size_t>(in_.rdbuf()->sgetn(
-            raw.data(), static_cast<std::streamsize>(type.bytes))) != type.bytes)
+    if (static_cast<size_t>(
+            in_.rdbuf()->sgetn(raw.data(), static_cast<std::streamsize>(type.bytes))) != type.bytes)
       return false;
     *value = number(raw.data(), type);
     return true;

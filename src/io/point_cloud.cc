@@ -88,9 +88,9 @@ void add_points_from_files(SceneInput& input, const fs::path& root, SceneReport&
           fmt::format("the points' file {} does not exist", printable(path.string())));
   }
   for (const fs::path& path : point_files_in(root)) {
-    const bool again =
-        std::any_of(candidates.begin(), candidates.end(),
-                    [&](const Candidate& c) { return c.path.lexically_normal() == path; });
+    const bool again = std::any_of(candidates.begin(), candidates.end(), [&](const Candidate& c) {
+      return c.path.lexically_normal() == path;
+    });
     if (!again) candidates.push_back({path, false});
   }
   for (const Candidate& candidate : candidates) {

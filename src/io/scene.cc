@@ -117,7 +117,8 @@ void warn_of_no_points(const Scene& scene, SceneReport& report) {
     return;
   report.warnings.push_back(
       "there are no 3D points: where content begins and ends is guessed from the cameras (--near, "
-      "--far and --bbox set it; a COLMAP model's points or a point cloud as .ply beside the capture "
+      "--far and --bbox set it; a COLMAP model's points or a point cloud as .ply beside the "
+      "capture "
       "tell it)");
 }
 

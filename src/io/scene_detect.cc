@@ -8,6 +8,7 @@
 
 #include "nerf/io/capture_tools.h"
 #include "paths.h"
+#include "phone_scans.h"
 #include "photo_conversion.h"
 
 namespace nerf::internal {
@@ -68,7 +69,8 @@ bool has_format(const fs::path& path, SceneFormat format) {
     case SceneFormat::kColmap:
       return folder && !find_colmap_models(path).empty();
     case SceneFormat::kTransforms:
-      return folder ? path_exists(path / "transforms.json") : path.extension() == ".json";
+      return folder ? path_exists(path / "transforms.json") || is_phone_scan(path)
+                    : path.extension() == ".json";
     case SceneFormat::kLlff:
       return folder && path_exists(path / "poses_bounds.npy");
     case SceneFormat::kPhotos:
@@ -116,8 +118,8 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
   const CaptureFolders folders{work_folder(run.options), run.options.run_folder};
   std::vector<std::string> notes;
   const fs::path prepared = prepared_photos(photos, folders, run.progress, run.cancel, notes);
-  SceneInput input = read_colmap_scene(run_colmap_on_photos(
-      prepared, folders, run.options.camera_model, run.progress, run.cancel));
+  SceneInput input = read_colmap_scene(
+      run_colmap_on_photos(prepared, folders, run.options.camera_model, run.progress, run.cancel));
   input.notes.insert(input.notes.begin(), notes.begin(), notes.end());
   input.format = "photos, " + input.format;
   input.mask_folders = {mask_root / "masks"};
@@ -167,6 +169,7 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
     case SceneFormat::kColmap:
       return read_colmap_scene(path);
     case SceneFormat::kTransforms:
+      if (folder && !path_exists(path / "transforms.json")) return read_phone_scene(path);
       return read_transforms_scene(folder ? path / "transforms.json" : path);
     case SceneFormat::kLlff:
       return read_llff_scene(path);

@@ -176,9 +176,8 @@ std::vector<double> point_distances(const SceneInput& input, const Scene& scene,
   std::vector<double> distances;
   const auto add = [&](size_t point, size_t view) {
     if (!good[point] || !level.central[view]) return;
-    distances.push_back(
-        length(scene.points[point].position - scene.views[view].pose.translation) *
-        scene.to_engine.scale);
+    distances.push_back(length(scene.points[point].position - scene.views[view].pose.translation) *
+                        scene.to_engine.scale);
   };
   for (const Observation& o : input.observations)
     add(static_cast<size_t>(o.point), static_cast<size_t>(o.image));
@@ -190,8 +189,7 @@ std::vector<double> point_distances(const SceneInput& input, const Scene& scene,
   return distances;
 }
 
-void unbounded_near_far(const SceneInput& input, const Level& level, Scene& scene,
-                        bool has_focus) {
+void unbounded_near_far(const SceneInput& input, const Level& level, Scene& scene, bool has_focus) {
   std::vector<double> distances = point_distances(input, scene, level);
   if (!input.depths.empty()) {
     std::vector<double> nears, fars;
@@ -262,8 +260,8 @@ void obey_near_far(Scene& scene) {
     if (*published > 0) *published = *used;
   }
   if (!(scene.near < scene.far))
-    throw Error(fmt::format("near is {:.4g} and far {:.4g}: nothing lies between", scene.near / scale,
-                            scene.far / scale),
+    throw Error(fmt::format("near is {:.4g} and far {:.4g}: nothing lies between",
+                            scene.near / scale, scene.far / scale),
                 scene.options.near ? "--near" : "--far", "--near and --far set both");
 }
 

@@ -67,8 +67,8 @@ int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory, SceneRepo
     const auto [it, is_new] = index.emplace(std::tuple{view.camera, shown.width, shown.height},
                                             static_cast<int>(cameras.size()));
     if (is_new) {
-      cameras.push_back(camera_of_photo(camera, view, shown.width, shown.height, shown.width,
-                                        shown.height));
+      cameras.push_back(
+          camera_of_photo(camera, view, shown.width, shown.height, shown.width, shown.height));
     }
     view.camera = it->second;
   }

@@ -14,6 +14,7 @@
 #include "lenient_json.h"
 #include "nerf/io/image.h"
 #include "paths.h"
+#include "phone_scans.h"
 #include "scene_input.h"
 #include "scene_limits.h"
 #include "transforms_camera.h"
@@ -75,7 +76,12 @@ class TransformsReader {
 
   // `test`: all of the file's views are held out. `split`: the file may say which ones are.
   void read(const fs::path& file, bool test, bool split = false) {
-    const json root = read_lenient_json(file);
+    read(read_lenient_json(file), file, file.parent_path(), test, split);
+  }
+
+  // `root` as the file says it, whose images lie below `root_folder`.
+  void read(const json& root, const fs::path& file, const fs::path& root_folder, bool test,
+            bool split) {
     if (!root.is_object() || !root.contains("frames") || !root["frames"].is_array()) {
       throw Error("there is no list \"frames\"", file.string(),
                   "a transforms file has one entry per image in \"frames\"");
@@ -93,7 +99,6 @@ class TransformsReader {
       if (clean_image_name(names.back()).empty()) frame.fail("there is no \"file_path\"");
       collect_unread(frames[i], unread_);
     }
-    const fs::path root_folder = file.parent_path();
     const std::vector<FoundImage> images = find_images(root_folder, names, &input_.notes);
     for (size_t i = 0; i < frames.size(); ++i) {
       try {
@@ -223,6 +228,20 @@ SceneInput read_transforms_scene(const fs::path& file) {
                              : reader.instant_ngp() ? " (instant-ngp)"
                                                     : "");
   finish(input, file.parent_path());
+  return input;
+}
+
+SceneInput read_phone_scene(const fs::path& root) {
+  const PhoneScan scan = read_phone_scan(root);
+  SceneInput input;
+  TransformsReader reader(input);
+  reader.read(scan.transforms, scan.where, root, false, false);
+  reader.finish(scan.where.filename().string());
+  require_frames(input, scan.where);
+  input.is_test.clear();
+  input.listing = scan.where;
+  input.format = scan.format;
+  finish(input, root);
   return input;
 }
 

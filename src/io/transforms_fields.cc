@@ -1,5 +1,5 @@
-// Entries as nerfstudio ("Data conventions" of its documentation, and its dataparser) and instant-ngp
-// (nerf_loader.cu) read them.
+// Entries as nerfstudio ("Data conventions" of its documentation, and its dataparser) and
+// instant-ngp (nerf_loader.cu) read them.
 #include "transforms_fields.h"
 
 #include <fmt/format.h>
@@ -78,15 +78,38 @@ std::vector<char> listed(const json& root, const char* key, const fs::path& file
 }  // namespace
 
 bool is_read_entry(const std::string& key) {
-  constexpr std::array kRead{
-      "frames",         "file_path",       "transform_matrix",     "transform_matrix_start",
-      "mask_path",      "time",            "w",                    "h",
-      "fl_x",           "fl_y",            "camera_angle_x",       "camera_angle_y",
-      "x_fov",          "y_fov",           "cx",                   "cy",
-      "k1",             "k2",              "k3",                   "k4",
-      "k5",             "k6",              "p1",                   "p2",
-      "camera_model",   "is_fisheye",      "ply_file_path",        "up",
-      "train_filenames", "val_filenames",  "test_filenames",       "orientation_override"};
+  constexpr std::array kRead{"frames",
+                             "file_path",
+                             "transform_matrix",
+                             "transform_matrix_start",
+                             "mask_path",
+                             "time",
+                             "w",
+                             "h",
+                             "fl_x",
+                             "fl_y",
+                             "camera_angle_x",
+                             "camera_angle_y",
+                             "x_fov",
+                             "y_fov",
+                             "cx",
+                             "cy",
+                             "k1",
+                             "k2",
+                             "k3",
+                             "k4",
+                             "k5",
+                             "k6",
+                             "p1",
+                             "p2",
+                             "camera_model",
+                             "is_fisheye",
+                             "ply_file_path",
+                             "up",
+                             "train_filenames",
+                             "val_filenames",
+                             "test_filenames",
+                             "orientation_override"};
   return std::find(kRead.begin(), kRead.end(), key) != kRead.end();
 }
 
@@ -111,8 +134,7 @@ std::vector<std::string> describe_unread(const std::set<std::string>& unread,
   if (others.empty()) return lines;
   const bool cut = others.size() > kShown;
   others.resize(std::min(others.size(), kShown));
-  lines.push_back(
-      fmt::format("{}{} of {}", fmt::join(others, ", "), cut ? ", ..." : "", file));
+  lines.push_back(fmt::format("{}{} of {}", fmt::join(others, ", "), cut ? ", ..." : "", file));
   return lines;
 }
 
@@ -170,8 +192,8 @@ void obey_split(const json& root, const fs::path& file, SceneInput& input) {
       "{} of {} photos are held out, as \"{}\" of the file says", count(held_out),
       input.views.size(), count(test) > 0 || count(val) == 0 ? "test_filenames" : "val_filenames"));
   if (both > 0)
-    input.warnings.push_back(
-        fmt::format("{} photos are listed for training and for measuring: they are held out", both));
+    input.warnings.push_back(fmt::format(
+        "{} photos are listed for training and for measuring: they are held out", both));
   if (!left_out.empty()) {
     input.warnings.push_back(
         fmt::format("{} photos are left out, since the file's split has them on neither side: {}",

@@ -169,8 +169,10 @@ TEST(Colmap, QuaternionsNearUnitAreNormalised) {
 TEST(Colmap, PosesThatAreNotFiniteLeaveTheirImagesOut) {
   for (size_t k = 0; k < 8; ++k) {
     TestModel model = ring_model();
-    if (k < 7) model.images[1].pose[k] = kNan;
-    else model.images[1].pose[5] = 1e30;
+    if (k < 7)
+      model.images[1].pose[k] = kNan;
+    else
+      model.images[1].pose[5] = 1e30;
     TempFolder folder;
     write_binary(model, folder.path());
     const ColmapModel read = read_colmap_model(folder.path());

@@ -1,6 +1,10 @@
 // Captures as other tools lay them out, and as they look after being moved and converted.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <fstream>
+#include <limits>
+
 #include "io/image_lookup.h"
 #include "nerf/io/scene.h"
 #include "test_scenes.h"
@@ -83,9 +87,9 @@ TEST(Layouts, AbsolutePathsOfAnotherComputer) {
     TempFolder folder;
     write_pictures(folder / place, 5);
     const std::string below = std::string(place) == "." ? "" : "images\\\\";
-    write_text(folder / "transforms.json",
-               transforms_text(5, "C:\\\\Users\\\\me\\\\spoon\\\\" + below, ".png",
-                               R"("fl_x":50)"));
+    write_text(
+        folder / "transforms.json",
+        transforms_text(5, "C:\\\\Users\\\\me\\\\spoon\\\\" + below, ".png", R"("fl_x":50)"));
     const Scene scene = load_scene(folder.path());
     EXPECT_EQ(scene.views.size(), 5u);
     EXPECT_EQ(scene.views[0].name, below.empty() ? "0.png" : "images/0.png");
@@ -135,9 +139,14 @@ TEST(Layouts, ConvertedPhotosAreMatchedByTheirStem) {
 TEST(Layouts, WhereOtherToolsPutModelsAndImages) {
   const TestModel model = ring_model(5);
   const std::vector<std::pair<const char*, const char*>> layouts{
-      {"distorted/sparse/0", "input"},  {"sparse/0", "input"},    {"dense/sparse", "dense/images"},
-      {"colmap/dense/0/sparse", "images"}, {"colmap", "images"},  {"colmap/0", "images"},
-      {"undistorted/sparse", "undistorted/images"}, {"sparse/0", "rgb"},
+      {"distorted/sparse/0", "input"},
+      {"sparse/0", "input"},
+      {"dense/sparse", "dense/images"},
+      {"colmap/dense/0/sparse", "images"},
+      {"colmap", "images"},
+      {"colmap/0", "images"},
+      {"undistorted/sparse", "undistorted/images"},
+      {"sparse/0", "rgb"},
       {"colmap/sparse/0", "colmap/images"}};
   for (const auto& [place, images] : layouts) {
     TempFolder folder;
@@ -161,11 +170,78 @@ TEST(Layouts, UndistortedPhotosGoWithTheirModel) {
   TestModel distorted = ring_model(6);
   distorted.cameras[0] = {1, 2, 80, 60, {90, 40, 30, 0.01}};
   write_binary(distorted, folder / "distorted" / "sparse" / "0");
-  for (const TestImage& image : distorted.images) write_picture(folder / "input" / image.name, 80, 60);
+  for (const TestImage& image : distorted.images)
+    write_picture(folder / "input" / image.name, 80, 60);
   const Scene scene = load_scene(folder.path());
   EXPECT_EQ(scene.views.size(), 5u);
   EXPECT_EQ(scene.views[0].image_path, folder / "images" / "00.png");
   EXPECT_TRUE(any_contains(scene.report.ignored, "distorted/sparse/0 (6 images; sparse/0 is read"));
+}
+
+// The ring with +y up, as ARKit has it: y and z of the world change places.
+Pose phone_pose(int i, int n) {
+  const Pose ring = ring_pose(i, n);
+  const Vec3d p = ring.translation;
+  return look_at({p.x, p.z, -p.y}, {0, 0, 0}, {0, 1, 0});
+}
+
+void expect_ring(const Scene& scene, int n) {
+  ASSERT_EQ(scene.views.size(), static_cast<size_t>(n));
+  EXPECT_NEAR(scene.report.up.y, 1, 1e-9);
+  for (int i = 0; i < n; ++i) {
+    const Pose& pose = scene.views[static_cast<size_t>(i)].pose;
+    const Pose expected = phone_pose(i, n);
+    EXPECT_LT(length(pose.translation - expected.translation), 1e-9);
+    EXPECT_LT(length(pose.rotation.column(2) - expected.rotation.column(2)), 1e-9);
+    EXPECT_LT(length(pose.rotation.column(1) - expected.rotation.column(1)), 1e-9);
+  }
+}
+
+TEST(Layouts, PolycamsRawData) {
+  TempFolder folder;
+  for (int i = 0; i < 6; ++i) {
+    const Pose p = phone_pose(i, 6);
+    std::string text = R"({"fx":50,"fy":51,"cx":20,"cy":15,"width":40,"height":30)";
+    for (size_t r = 0; r < 3; ++r) {
+      const double row[] = {p.rotation.m[r][0], -p.rotation.m[r][1], -p.rotation.m[r][2],
+                            p.translation[static_cast<int>(r)]};
+      for (int c = 0; c < 4; ++c) text += fmt::format(",\"t_{}{}\":{}", r, c, row[c]);
+    }
+    write_picture(folder / "keyframes" / "images" / fmt::format("10{}.jpg", i));
+    write_text(folder / "keyframes" / "cameras" / fmt::format("10{}.json", i), text + "}");
+  }
+  const Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.report.format, "Polycam raw data");
+  EXPECT_EQ(scene.views[0].name, "keyframes/images/100.jpg");
+  EXPECT_EQ(scene.cameras[0].fy(), 51);
+  expect_ring(scene, 6);
+  write_text(folder / "keyframes" / "cameras" / "103.json", R"({"fx":50})");
+  EXPECT_TRUE(contains(load_error(folder.path()), "103.json: there is no \"t_00\""));
+}
+
+TEST(Layouts, Record3DsExport) {
+  TempFolder folder;
+  std::vector<std::string> poses;
+  for (int i = 0; i < 12; ++i) {
+    Pose p = phone_pose(i, 12);
+    for (int c : {1, 2}) p.rotation.set_column(c, -p.rotation.column(c));  // OpenGL's axes
+    const auto q = colmap_pose(p.inverse());  // w x y z of camera-to-world
+    poses.push_back(fmt::format("[{},{},{},{},{},{},{}]", q[1], q[2], q[3], q[0], p.translation.x,
+                                p.translation.y, p.translation.z));
+    write_picture(folder / "rgb" / fmt::format("{}.jpg", i));
+  }
+  write_text(folder / "metadata.json",
+             fmt::format(R"({{"w":40,"h":30,"K":[50,0,0,0,51,0,20,15,1],"fps":60,"poses":[{}]}})",
+                         fmt::join(poses, ",")));
+  Scene scene = load_scene(folder.path());
+  EXPECT_EQ(scene.report.format, "Record3D");
+  EXPECT_EQ(scene.cameras[0].cy(), 15);
+  // Views are sorted bytewise: 0, 1, 10, 11, 2.
+  std::stable_sort(scene.views.begin(), scene.views.end(),
+                   [](const View& a, const View& b) { return a.name.size() < b.name.size(); });
+  expect_ring(scene, 12);
+  fs::remove(folder / "rgb" / "3.jpg");
+  EXPECT_TRUE(contains(load_error(folder.path()), "has 12 poses, but rgb/ holds 11 images"));
 }
 
 TEST(Layouts, FewPlacedPhotosAreALoudWarning) {
@@ -191,8 +267,9 @@ TEST(Layouts, ExtentOfProjectedCoordinatesCanBePasted) {
   TempFolder folder;
   write_capture(model, folder.path());
   const std::string text = format_report(load_scene(folder.path()).report);
-  EXPECT_TRUE(contains(text, "extent        454317.125,5412341.500,201.000,454325.125,5412349.500,"
-                             "201.000"));
+  EXPECT_TRUE(contains(text,
+                       "extent        454317.125,5412341.500,201.000,454325.125,5412349.500,"
+                       "201.000"));
 }
 
 TEST(Layouts, CamerasThatAreNoneLeaveTheirPhotosOut) {

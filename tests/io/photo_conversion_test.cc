@@ -104,9 +104,9 @@ TEST_F(PhotoConversion, APhotoThatIsBrokenIsNamedAndNothingIsLeft) {
   Cancel stopped;
   stopped.request();
   fs::remove(folder_ / "photos" / "b.heic");
-  EXPECT_THROW(prepared_photos(folder_ / "photos", {folder_ / "run" / "capture", {}}, {}, &stopped,
-                               notes_),
-               Cancelled);
+  EXPECT_THROW(
+      prepared_photos(folder_ / "photos", {folder_ / "run" / "capture", {}}, {}, &stopped, notes_),
+      Cancelled);
 }
 
 TEST_F(PhotoConversion, WhatAGainMapAddsIsNotRead) {

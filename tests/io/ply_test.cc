@@ -38,8 +38,8 @@ std::string stored(T value, bool big) {
 std::string binary(int count, bool big) {
   std::string body;
   for (int i = 0; i < count; ++i) {
-    body += stored(static_cast<float>(i), big) + stored(-0.5f, big) +
-            stored(1000000.25 + i, big) + stored(uint8_t{200}, big);
+    body += stored(static_cast<float>(i), big) + stored(-0.5f, big) + stored(1000000.25 + i, big) +
+            stored(uint8_t{200}, big);
   }
   return body;
 }
@@ -69,11 +69,10 @@ TEST_F(Ply, OtherElementsAndListsAreSkipped) {
       read(fmt::format(fmt::runtime(header), "ascii") + "3 0 1 2\n0\n35.0\n2 9 9 -4 5 6\n");
   ASSERT_EQ(points.positions.size(), 1u);
   EXPECT_EQ(points.positions[0].x, -4);
-  const std::string body = stored(uint8_t{1}, true) + stored(int32_t{8}, true) +
-                           stored(uint8_t{0}, true) + stored(35.0f, true) +
-                           stored(uint8_t{2}, true) + stored(9.0f, true) + stored(9.0f, true) +
-                           stored(int32_t{-4}, true) + stored(int16_t{-5}, true) +
-                           stored(uint32_t{4000000000u}, true);
+  const std::string body =
+      stored(uint8_t{1}, true) + stored(int32_t{8}, true) + stored(uint8_t{0}, true) +
+      stored(35.0f, true) + stored(uint8_t{2}, true) + stored(9.0f, true) + stored(9.0f, true) +
+      stored(int32_t{-4}, true) + stored(int16_t{-5}, true) + stored(uint32_t{4000000000u}, true);
   points = read(fmt::format(fmt::runtime(header), "binary_big_endian") + body);
   ASSERT_EQ(points.positions.size(), 1u);
   EXPECT_EQ(points.positions[0].x, -4);
@@ -87,10 +86,10 @@ TEST_F(Ply, ManyVerticesAreThinnedOutAndBadOnesLeftOut) {
   EXPECT_EQ(points.vertices, 1000u);
   ASSERT_EQ(points.positions.size(), 100u);
   EXPECT_EQ(points.positions[99].x, 990);
-  EXPECT_EQ(read(fmt::format(fmt::runtime(kHeader), "ascii", 3) +
-                 "nan 0 0 0\n0 inf 0 0\n1 2 1e30 0\n")
-                .positions.size(),
-            0u);
+  EXPECT_EQ(
+      read(fmt::format(fmt::runtime(kHeader), "ascii", 3) + "nan 0 0 0\n0 inf 0 0\n1 2 1e30 0\n")
+          .positions.size(),
+      0u);
 }
 
 TEST_F(Ply, HeadersThatLie) {
@@ -105,11 +104,12 @@ TEST_F(Ply, HeadersThatLie) {
   EXPECT_TRUE(contains(error("ply\nformat ascii 1.0\nproperty float x\n"), "before any element"));
   EXPECT_TRUE(contains(error("ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\n"),
                        "unknown type"));
-  EXPECT_TRUE(contains(error("ply\nformat ascii 1.0\nelement face 0\nend_header\n"), "no vertices"));
-  EXPECT_TRUE(contains(
-      error("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
-            "end_header\n0 0\n"),
-      "have no z"));
+  EXPECT_TRUE(
+      contains(error("ply\nformat ascii 1.0\nelement face 0\nend_header\n"), "no vertices"));
+  EXPECT_TRUE(
+      contains(error("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                     "end_header\n0 0\n"),
+               "have no z"));
   // More than the file can hold: told before anything is made of it.
   for (const char* format : {"ascii", "binary_little_endian"}) {
     for (const char* count : {"4", "4000000000", "18446744073709551615"}) {

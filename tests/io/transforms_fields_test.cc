@@ -14,8 +14,7 @@ class Fields : public ::testing::Test {
  protected:
   // Six frames images/0.png ... with the entries of `head` in the file.
   SceneInput read(const std::string& head, const std::function<void(std::string&)>& change = {}) {
-    std::string text =
-        transforms_text(6, "images/", ".png", R"("fl_x":50,"w":40,"h":30)" + head);
+    std::string text = transforms_text(6, "images/", ".png", R"("fl_x":50,"w":40,"h":30)" + head);
     if (change) change(text);
     write_text(folder_ / "transforms.json", text);
     return read_transforms_scene(folder_ / "transforms.json");
@@ -69,11 +68,11 @@ TEST_F(Fields, SplitOfTheFileReachesTheScene) {
 }
 
 TEST_F(Fields, WhatIsNotReadIsNamed) {
-  const SceneInput input = read(
-      R"(,"aabb_scale":4,"applied_transform":[[1,0,0,0]],"totp":[1,2],"n_frames":6)",
-      [](std::string& text) {
-        text.insert(text.find("\"file_path\""), R"("colmap_im_id":3,"sharpness":9,)");
-      });
+  const SceneInput input =
+      read(R"(,"aabb_scale":4,"applied_transform":[[1,0,0,0]],"totp":[1,2],"n_frames":6)",
+           [](std::string& text) {
+             text.insert(text.find("\"file_path\""), R"("colmap_im_id":3,"sharpness":9,)");
+           });
   EXPECT_EQ(input.ignored,
             (Names{"\"aabb_scale\" of transforms.json (--bbox sets the box to reconstruct)",
                    "\"applied_transform\" of transforms.json (coordinates are the file's, not the "
