@@ -94,6 +94,9 @@ TrainCommand with_preset(const TrainCommand& command, const std::set<std::string
   const auto to = option_fields(out.train), from = option_fields(wanted);
   for (size_t i = 0; i < to.size(); ++i)
     if (given.contains(to[i].name)) to[i].set(from[i].get());
+  // What is said of the capture goes before a method's usual distances.
+  if (out.near && !given.contains("recipe.near")) out.train.recipe.near = 0;
+  if (out.far && !given.contains("recipe.far")) out.train.recipe.far = 0;
   // Nor does it know that length while it begins.
   NetworkRecipe& recipe = out.train.recipe;
   if (out.minutes && recipe.anneal && recipe.anneal_steps == 0) {
@@ -166,6 +169,10 @@ std::vector<std::string> unused_options(const TrainCommand& command,
     out.push_back(
         "--recipe-near and --recipe-far are not used: normalised device coordinates go from the "
         "near plane to infinity");
+  if (given.contains("far") &&
+      (grid ? !scene.unbounded : command.train.network.space == Space::kNdc))
+    out.push_back(grid ? "--far is not used: the scene ends with its box (--bbox)"
+                       : "--far is not used: normalised device coordinates go to infinity");
   if (command.holdout == Holdout::kNone &&
       (given.contains("eval_every") || given.contains("eval_views")))
     out.push_back("--eval-every and --eval-views are not used: nothing is held out");
@@ -181,6 +188,8 @@ SceneOptions TrainCommand::scene_options() const {
   o.downscale = downscale;
   o.bbox = bbox;
   o.up = up;
+  o.near = near;
+  o.far = far;
   o.camera_model = camera_model;
   o.cut_out = cut_out;
   o.work_folder = out / kCaptureFolder;
@@ -195,8 +204,8 @@ ProgramText train_program_text() {
       "poses_bounds.npy, with COLMAP's images and sparse, with a transforms.json, a folder of\n"
       "photos (camera poses are found by colmap), or a video. Masks lie in masks/ under the\n"
       "photo's name, or the name + .png: values of 128 and more keep a pixel, the others count\n"
-      "neither in training nor in metrics. Pixels are taken as stored; EXIF orientation is not "
-      "applied.\n\n"
+      "neither in training nor in metrics. Pixels are taken as stored; EXIF orientation is\n"
+      "applied where the cameras have the size of the turned picture.\n\n"
       "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"
       "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume) and eval/ with\n"
       "photo, rendering and depth side by side. The clock is that of training steps.\n"

@@ -55,6 +55,7 @@ struct TrainCommand {
   int scales = 1;
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
+  std::optional<double> near, far;
   std::string camera_model = "SIMPLE_RADIAL";
   CutOut cut_out;
   int threads = 0;
@@ -99,6 +100,8 @@ struct TrainCommand {
       at_least(1), at_most(6));
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");
+    v("near", near, "distance from every camera at which content may begin, input unit", above(0));
+    v("far", far, "distance from the cameras at which content ends, input unit", above(0));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "

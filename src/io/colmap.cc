@@ -38,14 +38,18 @@ void ColmapBuilder::add_camera(const Cursor& at, uint32_t id, CameraModel model,
   if (width > uint64_t{kMaxImageSide} || height > uint64_t{kMaxImageSide}) {
     at.fail(fmt::format("camera {} says {} x {} pixels", id, width, height), kImageSizeHint);
   }
+  if (camera_index_.contains(id) || unusable_cameras_.contains(id)) {
+    at.fail(fmt::format("camera id {} appears twice", id));
+  }
   Camera camera{model, static_cast<int>(width), static_cast<int>(height), params};
   if (is_panorama(camera)) camera = panorama(camera.width, camera.height);
   if (const auto problem = camera_problem(camera)) {
-    at.fail(fmt::format("camera {} {}", id, *problem), kImageSizeHint);
+    const std::string what = fmt::format("camera {} {}", id, *problem);
+    if (width < 1 || height < 1) at.fail(what, kImageSizeHint);
+    unusable_cameras_.emplace(id, Unusable{what, at.where()});
+    return;
   }
-  if (!camera_index_.emplace(id, static_cast<int>(model_.cameras.size())).second) {
-    at.fail(fmt::format("camera id {} appears twice", id));
-  }
+  camera_index_.emplace(id, static_cast<int>(model_.cameras.size()));
   model_.cameras.push_back(camera);
 }
 
@@ -54,9 +58,19 @@ void ColmapBuilder::add_image(const Cursor& at, uint32_t id,
                               std::string name) {
   const auto& [qw, qx, qy, qz, tx, ty, tz] = camera_from_world;
   const std::string who = fmt::format("image {} ({})", id, printable(name));
+  if (clean_image_name(name).empty()) at.fail(fmt::format("image {} has no name", id));
+  if (!names_.insert(clean_image_name(name)).second) at.fail(who + ": its name appears twice");
+  if (!image_index_.emplace(id, static_cast<int>(model_.images.size())).second) {
+    at.fail(fmt::format("image id {} appears twice", id));
+  }
   const double norm = std::sqrt(qw * qw + qx * qx + qy * qy + qz * qz);
   if (!std::isfinite(norm) || !coordinate_ok({tx, ty, tz})) {
-    at.fail(who + " has a pose that is not finite");
+    leave_out(who + " has a pose that is not finite", at.where(), id, std::move(name));
+    return;
+  }
+  if (const auto it = unusable_cameras_.find(camera_id); it != unusable_cameras_.end()) {
+    leave_out(it->second.problem, it->second.where, id, std::move(name));
+    return;
   }
   // Written with few digits a quaternion is a little off; one far off is damage.
   if (std::abs(norm - 1) > 0.1) {
@@ -70,12 +84,14 @@ void ColmapBuilder::add_image(const Cursor& at, uint32_t id,
   if (camera == camera_index_.end()) {
     at.fail(fmt::format("{} refers to camera {}, which the model does not have", who, camera_id));
   }
-  if (clean_image_name(name).empty()) at.fail(fmt::format("image {} has no name", id));
-  if (!names_.insert(clean_image_name(name)).second) at.fail(who + ": its name appears twice");
-  if (!image_index_.emplace(id, static_cast<int>(model_.images.size())).second) {
-    at.fail(fmt::format("image id {} appears twice", id));
-  }
   model_.images.push_back({std::move(name), camera->second, world_to_camera.inverse()});
+}
+
+void ColmapBuilder::leave_out(const std::string& problem, const std::string& where, uint32_t id,
+                              std::string name) {
+  if (left_out_.empty()) first_problem_.emplace(problem, where, kImageSizeHint);
+  left_out_.push_back(std::move(name));
+  image_index_.erase(id);
 }
 
 void ColmapBuilder::add_point(const Vec3d& position, double error) {
@@ -100,6 +116,13 @@ ColmapModel ColmapBuilder::finish() {
   if (points_dropped_ > 0) {
     warn(fmt::format("{} points with coordinates that are not finite were left out",
                      points_dropped_));
+  }
+  if (!left_out_.empty()) {
+    if (model_.images.empty()) throw *first_problem_;
+    warn(fmt::format(
+        "{} of {} images are left out, their camera or pose is not finite or no "
+        "lens has it: {}",
+        left_out_.size(), left_out_.size() + model_.images.size(), name_list(left_out_)));
   }
   return std::move(model_);
 }
@@ -184,6 +207,14 @@ std::string clean_image_name(std::string_view name) {
     out += part.string();
   }
   return out;
+}
+
+std::string name_list(const std::vector<std::string>& names) {
+  constexpr size_t kNamesShown = 8;
+  std::string list;
+  for (size_t i = 0; i < std::min(names.size(), kNamesShown); ++i)
+    list += (i == 0 ? "" : ", ") + printable(names[i]);
+  return list + (names.size() > kNamesShown ? ", ..." : "");
 }
 
 std::string printable(std::string_view text) {

@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <unordered_map>
 #include <unordered_set>
@@ -34,6 +35,8 @@ struct ColmapModel {
 };
 
 // Checks what every format says and turns ids into indices. Every function throws through `at`.
+// Images whose camera or pose holds what is not a number, and those whose camera no lens has, are
+// left out with a warning; where that leaves none, finish() throws what was wrong with the first.
 class ColmapBuilder {
  public:
   void add_camera(const Cursor& at, uint32_t id, CameraModel model, uint64_t width, uint64_t height,
@@ -48,8 +51,17 @@ class ColmapBuilder {
   ColmapModel finish();
 
  private:
+  void leave_out(const std::string& problem, const std::string& where, uint32_t id,
+                 std::string name);
+
   ColmapModel model_;
   std::unordered_map<uint32_t, int> camera_index_, image_index_;
+  struct Unusable {
+    std::string problem, where;
+  };
+  std::unordered_map<uint32_t, Unusable> unusable_cameras_;
+  std::vector<std::string> left_out_;  // names
+  std::optional<Error> first_problem_;
   std::unordered_set<std::string> names_;
   bool point_kept_ = false;
   int points_dropped_ = 0;
@@ -81,6 +93,9 @@ ColmapModel read_colmap_model(const std::filesystem::path& folder);
 
 // Path of an image below its folder, for names and output: without "..", roots and backslashes.
 std::string clean_image_name(std::string_view name);
+
+// Names from files for a person: "a.jpg, b.jpg, ...".
+std::string name_list(const std::vector<std::string>& names);
 
 // Text from a file made fit for a terminal: control characters as \xNN, cut after 120 characters.
 std::string printable(std::string_view text);

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
@@ -159,6 +160,8 @@ class LineCursor : public Cursor {
       // An underflow is zero; an overflow is not a number that a model holds.
       const bool tiny = w.find("e-") != w.npos || w.find("E-") != w.npos;
       if (problem == std::errc::result_out_of_range && tiny) return 0;
+      // What older compilers' libraries print for no number: 1.#IND, -1.#QNAN0, 1.#INF00.
+      if (w.find(".#") != w.npos) return std::numeric_limits<T>::quiet_NaN();
     }
     if (problem != std::errc() || end != w.data() + w.size()) {
       fail(fmt::format("\"{}\" is not {}", w.substr(0, 40), what));

@@ -205,6 +205,21 @@ float StoredImage::sample(size_t i) const {
   return half_to_float(samples16[i]);
 }
 
+std::set<std::string> readable_camera_formats() {
+  // "format:ext,ext;format:ext", of the formats that this library was built with.
+  std::string list = fmt::format(",{},", std::string(OIIO::get_string_attribute("extension_list")));
+  std::replace(list.begin(), list.end(), ':', ',');
+  std::replace(list.begin(), list.end(), ';', ',');
+  std::set<std::string> found;
+  for (const char* extension :
+       {"heic", "heif", "heics", "hif", "avif", "jxl", "dng", "cr2", "cr3", "nef",
+        "nrw",  "arw",  "raf",   "rw2", "orf",  "pef", "srw", "3fr", "iiq", "erf"}) {
+    if (list.find(fmt::format(",{},", extension)) != list.npos)
+      found.insert(fmt::format(".{}", extension));
+  }
+  return found;
+}
+
 StoredImage decode_image(const fs::path& path) {
   return name_the_file(path, [&] {
     MemoryInput memory;

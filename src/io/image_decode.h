@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <set>
+#include <string>
 #include <vector>
 
 namespace nerf::internal {
@@ -24,6 +26,10 @@ struct StoredImage {
   bool has_alpha() const { return channels == 2 || channels == 4; }
   float sample(size_t i) const;  // as a number, 1 = full
 };
+
+// Extensions (".heic", ".dng") of the formats that only cameras and phones write, HEIF, AVIF, JPEG
+// XL and raw data: those of them that this OpenImageIO reads.
+std::set<std::string> readable_camera_formats();
 
 // Throws Error: see read_image_8bit in nerf/io/image.h.
 StoredImage decode_image(const std::filesystem::path& path);

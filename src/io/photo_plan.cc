@@ -6,8 +6,26 @@
 #include <cmath>
 
 #include "nerf/base/error.h"
+#include "orientation.h"
 
 namespace nerf::internal {
+namespace {
+
+// A resized side is a whole number: 2 %, or 2 pixels.
+bool same_shape(double w1, double h1, double w2, double h2) {
+  return std::abs(w1 * h2 / w2 - h1) <= std::max(2.0, 0.02 * h1);
+}
+
+}  // namespace
+
+int orientation_for(const Camera& camera, const ImageInfo& info) {
+  const int w = info.width, h = info.height;
+  if (!info.lies_on_its_side() || camera.width < 1 || camera.height < 1) return 1;
+  if (camera.width == w && camera.height == h) return 1;
+  if (camera.width == h && camera.height == w) return info.orientation;
+  const bool as_stored = same_shape(w, h, camera.width, camera.height);
+  return !as_stored && same_shape(h, w, camera.width, camera.height) ? info.orientation : 1;
+}
 
 int downscaled(int size, int downscale) {
   return static_cast<int>(
@@ -16,9 +34,6 @@ int downscaled(int size, int downscale) {
 
 Camera camera_of_photo(const Camera& camera, const View& view, int width, int height, int new_width,
                        int new_height) {
-  const auto same_shape = [](double w1, double h1, double w2, double h2) {
-    return std::abs(w1 * h2 / w2 - h1) <= std::max(2.0, 0.02 * h1);
-  };
   const auto says = [&] {
     return fmt::format("the photo is {} x {} pixels and its camera {} x {}", width, height,
                        camera.width, camera.height);
@@ -26,9 +41,10 @@ Camera camera_of_photo(const Camera& camera, const View& view, int width, int he
   if (camera.width < 1 || camera.height < 1) throw Error(says(), view.image_path.string());
   if (!same_shape(width, height, camera.width, camera.height)) {
     if (same_shape(height, width, camera.width, camera.height)) {
-      throw Error(says() + ": one of them is turned by 90 degrees", view.image_path.string(),
-                  "photos are read as stored, EXIF orientation is never applied: store the photo "
-                  "as the model saw it, or run COLMAP on it as it is stored");
+      throw Error(
+          says() + ": one of them is turned by 90 degrees", view.image_path.string(),
+          "the photo has no EXIF orientation that says so: store it as the model saw it, or "
+          "run COLMAP on it as it is stored");
     }
     throw Error(says() + ": it was cropped or belongs to another model", view.image_path.string(),
                 "photos may be resized after COLMAP, but keep their shape");

@@ -11,9 +11,9 @@ namespace nerf::internal {
 // Width or height after --downscale: nearest whole number, at least 1.
 int downscaled(int size, int downscale);
 
-// The camera of a photo of width x height pixels as stored, scaled to new_width x new_height.
-// Throws Error where the photo lies on its side against the camera, or the ratios of the sides
-// differ by more than 2 % (or 2 pixels: a resized side is a whole number).
+// The camera of a photo of width x height pixels, turned as orientation_for() says, scaled to
+// new_width x new_height. Throws Error where the photo lies on its side against the camera, or the
+// ratios of the sides differ by more than 2 % (or 2 pixels: a resized side is a whole number).
 Camera camera_of_photo(const Camera& camera, const View& view, int width, int height, int new_width,
                        int new_height);
 

@@ -15,6 +15,7 @@
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "nerf/io/image.h"
+#include "orientation.h"
 #include "photo_plan.h"
 #include "photo_rows.h"
 #include "resample.h"
@@ -23,14 +24,16 @@ namespace nerf {
 namespace {
 
 using internal::SampleType;
+using internal::ShownPixels;
 using internal::StoredImage;
 
 constexpr float kLargestHalf = 65504.0f;
 
-// Colour (grey three times) and alpha of stored pixels, straight, as numbers.
+// Colour (grey three times) and alpha of pixels as they are shown, straight, as numbers.
 class PixelReader {
  public:
-  PixelReader(const StoredImage& image, const std::string& name) : image_(image), name_(name) {
+  PixelReader(const StoredImage& image, const ShownPixels& shown, const std::string& name)
+      : image_(image), shown_(shown), name_(name) {
     for (int i = 0; i < 256; ++i) by_byte_[i] = static_cast<float>(i) / 255.0f;
   }
 
@@ -39,8 +42,9 @@ class PixelReader {
   void row(int y, int channels, bool premultiply, std::span<float> out) const {
     const bool grey = image_.channels < 3;
     const auto in = static_cast<size_t>(image_.channels);
-    size_t at = static_cast<size_t>(y) * static_cast<size_t>(image_.width) * in;
-    for (size_t o = 0; o < out.size(); o += static_cast<size_t>(channels), at += in) {
+    int64_t pixel = shown_.at(0, y);
+    for (size_t o = 0; o < out.size(); o += static_cast<size_t>(channels), pixel += shown_.step_x) {
+      const size_t at = static_cast<size_t>(pixel) * in;
       for (size_t c = 0; c < 3; ++c) out[o + c] = number(at + (grey ? 0 : c));
       if (channels == 3) continue;
       const float alpha = std::clamp(number(at + in - 1), 0.0f, 1.0f);
@@ -74,6 +78,7 @@ class PixelReader {
   }
 
   const StoredImage& image_;
+  const ShownPixels shown_;
   const std::string& name_;
   float by_byte_[256];
 };
@@ -91,12 +96,13 @@ bool any_transparent(const StoredImage& image) {
 }
 
 // `image` is consumed: its memory becomes the photo's where nothing has to be changed.
-void convert(StoredImage& image, const std::string& name, Photo& photo) {
+void convert(StoredImage& image, int orientation, const std::string& name, Photo& photo) {
   // An alpha channel that is opaque everywhere says nothing.
   photo.channels = any_transparent(image) ? 4 : 3;
-  const bool same_size = image.width == photo.width && image.height == photo.height;
-  if (same_size && image.type == SampleType::k8 && image.channels == photo.channels &&
-      !image.premultiplied) {
+  const ShownPixels shown = internal::shown_pixels(orientation, image.width, image.height);
+  const bool same_size = shown.width == photo.width && shown.height == photo.height;
+  if (orientation == 1 && same_size && image.type == SampleType::k8 &&
+      image.channels == photo.channels && !image.premultiplied) {
     photo.pixels8 = std::move(image.samples8);
     return;
   }
@@ -107,7 +113,7 @@ void convert(StoredImage& image, const std::string& name, Photo& photo) {
   } else {
     photo.pixels16.resize(count);
   }
-  const PixelReader reader(image, name);
+  const PixelReader reader(image, shown, name);
   if (same_size) {
     std::vector<float> row(static_cast<size_t>(photo.width) * static_cast<size_t>(photo.channels));
     for (int y = 0; y < photo.height; ++y) {
@@ -117,34 +123,43 @@ void convert(StoredImage& image, const std::string& name, Photo& photo) {
     return;
   }
   internal::area_average(
-      image.width, image.height, photo.channels,
+      shown.width, shown.height, photo.channels,
       [&](int y, std::span<float> out) { reader.row(y, photo.channels, true, out); }, photo.width,
       photo.height,
       [&](int y, std::span<const float> row) { internal::store_averaged_row(photo, y, row); });
 }
 
-std::vector<uint8_t> read_mask(const View& view, const StoredImage& photo, int width, int height) {
+// Of a photo of that size as it is shown. The mask of a photo that is turned may be stored like the
+// photo or like the picture shown.
+std::vector<uint8_t> read_mask(const View& view, int orientation, const ShownPixels& photo,
+                               int width, int height) {
   const Image8 mask = read_image_8bit(view.mask_path);
   const std::string name = view.mask_path.string();
   const auto lies = [](double w, double h) { return w / h > 1.02 ? 1 : w / h < 1 / 1.02 ? -1 : 0; };
-  if (lies(mask.width, mask.height) * lies(photo.width, photo.height) < 0) {
+  const bool transposed = lies(mask.width, mask.height) * lies(photo.width, photo.height) < 0;
+  if (transposed && orientation == 1) {
     throw Error(
         fmt::format("the mask is {} x {} pixels and its photo {} x {}: one of them is turned "
                     "by 90 degrees",
                     mask.width, mask.height, photo.width, photo.height),
-        name, "store the mask as its photo is stored (EXIF orientation is never applied)");
+        name, "store the mask as its photo is stored");
   }
-  std::vector<uint8_t> values(static_cast<size_t>(mask.width) * static_cast<size_t>(mask.height));
+  const ShownPixels shown =
+      internal::shown_pixels(transposed ? orientation : 1, mask.width, mask.height);
+  std::vector<uint8_t> values;
+  values.reserve(static_cast<size_t>(mask.width) * static_cast<size_t>(mask.height));
   uint8_t largest = 0;
-  for (size_t i = 0; i < values.size(); ++i) {
-    values[i] = mask.pixels[i * static_cast<size_t>(mask.channels)];
-    largest = std::max(largest, values[i]);
+  for (int y = 0; y < shown.height; ++y) {
+    for (int x = 0; x < shown.width; ++x) {
+      values.push_back(mask.pixels[static_cast<size_t>(shown.at(x, y) * mask.channels)]);
+      largest = std::max(largest, values.back());
+    }
   }
   if (largest == 1) {
     throw Error("the mask has only the values 0 and 1, so nothing would be kept", name,
                 "values of 128 and more keep a pixel: multiply the mask by 255");
   }
-  values = internal::resize_nearest(values, mask.width, mask.height, width, height);
+  values = internal::resize_nearest(values, shown.width, shown.height, width, height);
   for (uint8_t& value : values) value = value >= 128 ? 255 : 0;
   return values;
 }
@@ -181,6 +196,7 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
 
   // Headers first: what is wrong with sizes and memory shows before minutes of decoding.
   std::vector<ImageInfo> infos(scene.views.size());
+  std::vector<int> orientation(scene.views.size());
   pool.parallel_for(total, [&](int64_t i) {
     infos[static_cast<size_t>(i)] = read_image_info(scene.views[static_cast<size_t>(i)].image_path);
   });
@@ -192,12 +208,15 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
                               infos[i].width, infos[i].height),
                   view.image_path.string(), "give a smaller number");
     }
+    const Camera& camera = scene.cameras.at(static_cast<size_t>(view.camera));
+    orientation[i] = internal::orientation_for(camera, infos[i]);
+    const ShownPixels shown =
+        internal::shown_pixels(orientation[i], infos[i].width, infos[i].height);
     Photo& photo = set.photos[i];
-    photo.width = internal::downscaled(infos[i].width, downscale);
-    photo.height = internal::downscaled(infos[i].height, downscale);
-    set.cameras[i] =
-        internal::camera_of_photo(scene.cameras.at(static_cast<size_t>(view.camera)), view,
-                                  infos[i].width, infos[i].height, photo.width, photo.height);
+    photo.width = internal::downscaled(shown.width, downscale);
+    photo.height = internal::downscaled(shown.height, downscale);
+    set.cameras[i] = internal::camera_of_photo(camera, view, shown.width, shown.height, photo.width,
+                                               photo.height);
     if (scene.cut_out) infos[i].channels = 4;
     internal::add_photo(memory, infos[i], !view.mask_path.empty(), downscale);
   }
@@ -214,10 +233,12 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
       throw Error("the image changed while it was read", view.image_path.string());
     }
     if (!view.mask_path.empty()) {
-      set.photos[i].mask = read_mask(view, stored, set.photos[i].width, set.photos[i].height);
+      set.photos[i].mask = read_mask(
+          view, orientation[i], internal::shown_pixels(orientation[i], stored.width, stored.height),
+          set.photos[i].width, set.photos[i].height);
     }
     if (scene.cut_out) internal::cut_out(stored, *scene.cut_out);
-    convert(stored, view.image_path.string(), set.photos[i]);
+    convert(stored, orientation[i], view.image_path.string(), set.photos[i]);
     const std::lock_guard lock(progress_mutex);
     ++done;
     if (progress) progress(done, static_cast<int>(total));

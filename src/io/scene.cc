@@ -10,8 +10,10 @@
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "cut_out.h"
+#include "point_cloud.h"
 #include "scene_detect.h"
 #include "scene_frame.h"
+#include "scene_outliers.h"
 
 namespace nerf {
 namespace {
@@ -102,6 +104,29 @@ void check_memory(const Scene& scene, SceneReport& report) {
   }
 }
 
+// First of the warnings: no other explains as much of a bad picture.
+void warn_of_few(SceneReport& report) {
+  if (report.images_total < 2 * report.images_registered + 1) return;
+  report.warnings.insert(
+      report.warnings.begin(),
+      fmt::format("ONLY {} OF {} PHOTOS HAVE A PLACE IN SPACE. The others are not used, and what "
+                  "only they show will be missing or fog. Take more photos with much overlap "
+                  "between those that are placed and those that are not, sharp and of things that "
+                  "do not move; or match every pair (colmap exhaustive_matcher) and map again",
+                  report.images_registered, report.images_total));
+}
+
+void warn_of_no_points(const Scene& scene, SceneReport& report) {
+  if (!scene.points.empty() || !scene.unbounded || scene.options.format == SceneFormat::kLlff ||
+      (scene.options.near && scene.options.far))
+    return;
+  report.warnings.push_back(
+      "there are no 3D points: where content begins and ends is guessed from the cameras (--near, "
+      "--far and --bbox set it; a COLMAP model's points or a point cloud as .ply beside the "
+      "capture "
+      "tell it)");
+}
+
 double mean_error(const std::vector<ScenePoint>& points) {
   double sum = 0;
   int64_t count = 0;
@@ -134,10 +159,14 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   report.ignored.insert(report.ignored.end(), input.ignored.begin(), input.ignored.end());
   report.warnings = std::move(input.warnings);
 
+  report.notes = std::move(input.notes);
+
   internal::resolve_images(input, options.downscale, report, &scene.alpha);
   scene.cut_out = internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale,
                                             report);
   scene.alpha = scene.alpha || scene.cut_out;
+  internal::add_points_from_files(input, scene.root, report);
+  internal::drop_far_cameras(input, report);
   if (input.views.size() < 2) {
     throw Error(fmt::format("there is {} registered image with a file",
                             input.views.empty() ? "no" : "only one"),
@@ -149,6 +178,8 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   scene.points = std::move(input.points);
   internal::choose_frame(input, scene);
   scene.observations = std::move(input.observations);
+  warn_of_no_points(scene, report);
+  warn_of_few(report);
 
   report.points = static_cast<int>(scene.points.size());
   report.mean_reprojection_error = mean_error(scene.points);

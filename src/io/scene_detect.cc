@@ -9,6 +9,8 @@
 #include "nerf/io/capture_tools.h"
 #include "panoramas.h"
 #include "paths.h"
+#include "phone_scans.h"
+#include "photo_conversion.h"
 
 namespace nerf::internal {
 
@@ -52,9 +54,11 @@ bool holds_images(const fs::path& folder, int depth = 1) {
   return false;
 }
 
-// The folder whose photos count: images/ where it holds any, else the folder itself.
+// The folder whose photos count: images/ or input/ where it holds any, else the folder itself.
 fs::path photo_folder(const fs::path& root) {
-  return holds_images(root / "images") ? root / "images" : root;
+  for (const char* name : {"images", "input"})
+    if (holds_images(root / name)) return root / name;
+  return root;
 }
 
 bool has_format(const fs::path& path, SceneFormat format) {
@@ -66,7 +70,8 @@ bool has_format(const fs::path& path, SceneFormat format) {
     case SceneFormat::kColmap:
       return folder && !find_colmap_models(path).empty();
     case SceneFormat::kTransforms:
-      return folder ? path_exists(path / "transforms.json") : path.extension() == ".json";
+      return folder ? path_exists(path / "transforms.json") || is_phone_scan(path)
+                    : path.extension() == ".json";
     case SceneFormat::kLlff:
       return folder && path_exists(path / "poses_bounds.npy");
     case SceneFormat::kPhotos:
@@ -119,8 +124,11 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
   if (panoramas || are_panoramas(photos, names)) {
     input = read_panoramas(photos, names, folders, run.progress, run.cancel);
   } else {
-    input = read_colmap_scene(run_colmap_on_photos(photos, folders, run.options.camera_model,
+    std::vector<std::string> notes;
+    const fs::path prepared = prepared_photos(photos, folders, run.progress, run.cancel, notes);
+    input = read_colmap_scene(run_colmap_on_photos(prepared, folders, run.options.camera_model,
                                                    run.progress, run.cancel));
+    input.notes.insert(input.notes.begin(), notes.begin(), notes.end());
     input.format = "photos, " + input.format;
   }
   input.mask_folders = {mask_root / "masks"};
@@ -170,6 +178,7 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
     case SceneFormat::kColmap:
       return read_colmap_scene(path);
     case SceneFormat::kTransforms:
+      if (folder && !path_exists(path / "transforms.json")) return read_phone_scene(path);
       return read_transforms_scene(folder ? path / "transforms.json" : path);
     case SceneFormat::kLlff:
       return read_llff_scene(path);

@@ -6,64 +6,33 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <tuple>
 
+#include "point_cloud.h"
 #include "scene_limits.h"
+#include "scene_statistics.h"
 
 namespace nerf::internal {
 namespace {
 
 double max_abs(const Vec3d& v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); }
 
-// Value at a fraction of the sorted list; the list is reordered. 0 for an empty one.
-double quantile(std::vector<double>& values, double fraction) {
-  if (values.empty()) return 0;
-  const auto at =
-      values.begin() +
-      static_cast<std::ptrdiff_t>(std::lround(fraction * static_cast<double>(values.size() - 1)));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
-// Points that several images agree on: what normalisation may rely on. Three images, or two where a
-// capture has few that three see.
-std::vector<char> supported_points(const std::vector<ScenePoint>& points) {
-  constexpr size_t kEnough = 50;
-  std::vector<double> errors;
-  for (const ScenePoint& p : points) errors.push_back(p.error);
-  const double limit = std::max(1.0, 2 * quantile(errors, 0.75));
-  const auto seen_by = [&](int views) {
-    std::vector<char> good(points.size());
-    for (size_t i = 0; i < points.size(); ++i) {
-      good[i] = points[i].views >= views && points[i].error <= limit;
-    }
-    return good;
-  };
-  std::vector<char> good = seen_by(3);
-  if (std::count(good.begin(), good.end(), 1) < static_cast<std::ptrdiff_t>(kEnough)) {
-    good = seen_by(2);
-  }
-  return good;
-}
+// A camera that stands this many times as far out as most is not what a scene's size is taken from.
+constexpr double kFromAfar = 4;
 
 // Geometry of the capture in axes that are level but not yet moved or scaled.
 struct Level {
   Mat3d rotation;
   std::vector<Vec3d> cameras, forward, points;  // points: supported ones only
+  std::vector<char> central;                    // cameras that are not far from the others
   double spread = 0;                            // median distance of cameras from their median
 
-  Vec3d camera_median() const {
-    Vec3d m;
-    for (int k = 0; k < 3; ++k) {
-      std::vector<double> values;
-      for (const Vec3d& c : cameras) values.push_back(c[k]);
-      m[k] = quantile(values, 0.5);
-    }
-    return m;
-  }
-  // Box of the cameras and of the middle of the points, from quantile q to 1 - q on each axis.
+  // Box of the central cameras and of the middle of the points, from quantile q to 1 - q on each
+  // axis.
   Box3 box(double q) const {
     Box3 b;
-    for (const Vec3d& c : cameras) b.extend(c);
+    for (size_t i = 0; i < cameras.size(); ++i)
+      if (central[i]) b.extend(cameras[i]);
     if (points.empty()) return b;
     Vec3d lo, hi;
     for (int k = 0; k < 3; ++k) {
@@ -91,9 +60,10 @@ Level make_level(const Scene& scene, const Mat3d& rotation) {
   for (size_t i = 0; i < scene.points.size(); ++i) {
     if (good[i]) level.points.push_back(rotation * scene.points[i].position);
   }
-  const Vec3d middle = level.camera_median();
+  const Vec3d middle = median_position(level.cameras);
   std::vector<double> distances;
   for (const Vec3d& c : level.cameras) distances.push_back(length(c - middle));
+  level.central = in_the_crowd(distances, kFromAfar);
   level.spread = quantile(distances, 0.5);
   if (level.spread == 0) level.spread = quantile(distances, 1);
   return level;
@@ -130,7 +100,8 @@ Region bounded_region(const Scene& scene, const Level& level, const Vec3d& focus
   return {focus, sizes.empty() ? level.spread : quantile(sizes, 0.9)};
 }
 
-// All cameras, and for captures that look past each other the central points as well.
+// All cameras but those that stand far out, and for captures that look past each other the central
+// points as well.
 Region unbounded_region(const Level& level, const std::optional<Vec3d>& focus) {
   constexpr double kMargin = 1.05;  // keeps cameras clear of the box's faces
   Region region;
@@ -144,12 +115,14 @@ Region unbounded_region(const Level& level, const std::optional<Vec3d>& focus) {
     Vec3d ahead;
     for (const Vec3d& f : level.forward) ahead = ahead + f;
     ahead = ahead / static_cast<double>(level.forward.size());
-    region.center = level.camera_median() + ahead * (3 * level.spread);
+    region.center = median_position(level.cameras) + ahead * (3 * level.spread);
   }
+  std::vector<double> radii;
+  for (const Vec3d& c : level.cameras) radii.push_back(max_abs(c - region.center));
+  const std::vector<char> counts = in_the_crowd(radii, kFromAfar);
   region.radius = 0;
-  for (const Vec3d& c : level.cameras) {
-    region.radius = std::max(region.radius, kMargin * max_abs(c - region.center));
-  }
+  for (size_t i = 0; i < radii.size(); ++i)
+    if (counts[i]) region.radius = std::max(region.radius, kMargin * radii[i]);
   if (!focus && !level.points.empty()) {
     const Box3 box = level.box(0.1);
     region.radius = std::max(region.radius, max_abs(box.max - region.center));
@@ -184,13 +157,13 @@ void box_distances(const Vec3d& p, double* nearest, double* farthest) {
   *farthest = length(hi);
 }
 
-void bounded_near_far(Scene& scene) {
+void bounded_near_far(const Level& level, Scene& scene) {
   double near = 1e300, far = 0;
-  for (const View& view : scene.views) {
+  for (size_t i = 0; i < scene.views.size(); ++i) {
     double n, f;
-    box_distances(scene.to_engine.apply(view.pose.translation), &n, &f);
+    box_distances(scene.to_engine.apply(scene.views[i].pose.translation), &n, &f);
     near = std::min(near, n);
-    far = std::max(far, f);
+    if (level.central[i]) far = std::max(far, f);
   }
   scene.near = std::max(0.02, near);  // of a camera inside the box: clear of its lens
   scene.far = far;
@@ -204,21 +177,43 @@ void published_near_far(Scene& scene) {
   scene.published_far = 6 * scene.to_engine.scale;
 }
 
-void unbounded_near_far(const SceneInput& input, Scene& scene, bool has_focus) {
+// Distances of points from the central cameras that see them, engine units. Of points that nobody
+// says who sees (a point cloud), from the cameras whose picture they fall into, whatever stands
+// before them.
+std::vector<double> point_distances(const SceneInput& input, const Scene& scene,
+                                    const Level& level) {
   const std::vector<char> good = supported_points(scene.points);
   std::vector<double> distances;
-  for (const Observation& o : input.observations) {
-    const auto point = static_cast<size_t>(o.point);
-    if (!good[point]) continue;
-    distances.push_back(length(scene.points[point].position -
-                               scene.views[static_cast<size_t>(o.image)].pose.translation) *
+  const auto add = [&](size_t point, size_t view) {
+    if (!good[point] || !level.central[view]) return;
+    distances.push_back(length(scene.points[point].position - scene.views[view].pose.translation) *
                         scene.to_engine.scale);
+  };
+  for (const Observation& o : input.observations)
+    add(static_cast<size_t>(o.point), static_cast<size_t>(o.image));
+  if (!input.observations.empty()) return distances;
+  for (size_t v = 0; v < scene.views.size(); ++v) {
+    const Camera& camera = scene.cameras[static_cast<size_t>(scene.views[v].camera)];
+    for (const size_t p : points_in_picture(scene.points, camera, scene.views[v].pose)) add(p, v);
   }
+  return distances;
+}
+
+void unbounded_near_far(const SceneInput& input, const Level& level, Scene& scene, bool has_focus) {
+  std::vector<double> distances = point_distances(input, scene, level);
   if (!input.depths.empty()) {
-    double near = 1e300, far = 0;
+    std::vector<double> nears, fars;
     for (const SceneInput::Depths& d : input.depths) {
-      near = std::min(near, d.near);
-      far = std::max(far, d.far);
+      nears.push_back(d.near);
+      fars.push_back(d.far);
+    }
+    // One row that is damaged does not decide.
+    constexpr double kAbsurd = 50;
+    const double usual_near = quantile(nears, 0.5), usual_far = quantile(fars, 0.5);
+    double near = usual_near, far = usual_far;
+    for (const SceneInput::Depths& d : input.depths) {
+      if (d.near * kAbsurd >= usual_near) near = std::min(near, d.near);
+      if (d.far <= kAbsurd * usual_far) far = std::max(far, d.far);
     }
     // As NeRF takes them (load_llff.py): a little before the first of what was reconstructed.
     scene.near = 0.9 * near * scene.to_engine.scale;
@@ -247,6 +242,39 @@ Vec3d option_up(const Vec3d& up) {
   return normalized(up);
 }
 
+// Without those that stand far out, whose places would tilt the plane of all.
+std::vector<View> central_views(const std::vector<View>& views) {
+  std::vector<Vec3d> positions;
+  for (const View& view : views) positions.push_back(view.pose.translation);
+  const Vec3d middle = median_position(positions);
+  std::vector<double> distances;
+  for (const Vec3d& p : positions) distances.push_back(length(p - middle));
+  const std::vector<char> central = in_the_crowd(distances, kFromAfar);
+  std::vector<View> kept;
+  for (size_t i = 0; i < views.size(); ++i)
+    if (central[i]) kept.push_back(views[i]);
+  return kept;
+}
+
+// What the options say in place of what was found; of every method.
+void obey_near_far(Scene& scene) {
+  const double scale = scene.to_engine.scale;
+  for (const auto& [option, name, used, published] :
+       {std::tuple{scene.options.near, "--near", &scene.near, &scene.published_near},
+        std::tuple{scene.options.far, "--far", &scene.far, &scene.published_far}}) {
+    if (!option) continue;
+    if (!(*option > 0 && std::isfinite(*option * scale)))
+      throw Error(fmt::format("{} is no distance", *option), name,
+                  "a number above 0, in the scene's unit");
+    *used = *option * scale;
+    if (*published > 0) *published = *used;
+  }
+  if (!(scene.near < scene.far))
+    throw Error(fmt::format("near is {:.4g} and far {:.4g}: nothing lies between",
+                            scene.near / scale, scene.far / scale),
+                scene.options.near ? "--near" : "--far", "--near and --far set both");
+}
+
 void check_bbox(const Box3& box) {
   const Vec3d size = box.size();
   if (!coordinate_ok(box.min) || !coordinate_ok(box.max) ||
@@ -264,8 +292,11 @@ void choose_frame(const SceneInput& input, Scene& scene) {
   if (scene.options.up) {
     up = option_up(*scene.options.up);
     report.up_source = "as --up says";
+  } else if (input.up) {
+    up = *input.up;
+    report.up_source = "as the file says";
   } else {
-    UpEstimate estimate = estimate_up(scene.views, scene.points, report.warnings);
+    UpEstimate estimate = estimate_up(central_views(scene.views), scene.points, report.warnings);
     // Blender's world has +z up by its own convention; an estimate near it is rounding.
     if (input.blender && estimate.up.z > 0.98) estimate = {{0, 0, 1}, "Blender's z axis"};
     up = estimate.up;
@@ -313,11 +344,12 @@ void choose_frame(const SceneInput& input, Scene& scene) {
     throw Error("the scene has no size", scene.root.string(), "check the camera positions");
   }
   if (scene.unbounded) {
-    unbounded_near_far(input, scene, focus.has_value());
+    unbounded_near_far(input, level, scene, focus.has_value());
   } else {
-    bounded_near_far(scene);
+    bounded_near_far(level, scene);
     if (input.blender && !scene.options.bbox) published_near_far(scene);
   }
+  if (scene.options.near || scene.options.far) obey_near_far(scene);
   report.up = up;
   report.near = scene.near / to_engine.scale;
   report.far = scene.far / to_engine.scale;

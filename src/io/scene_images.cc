@@ -6,7 +6,9 @@
 #include <set>
 #include <tuple>
 
+#include "image_decode.h"
 #include "nerf/io/image.h"
+#include "orientation.h"
 #include "paths.h"
 #include "photo_plan.h"
 #include "scene_input.h"
@@ -17,50 +19,36 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr size_t kNamesShown = 5;
+constexpr size_t kNamesKept = 5;
 
 void drop_missing(SceneInput& input, SceneReport& report) {
-  std::vector<int32_t> kept_index(input.views.size(), -1);
-  std::vector<View> kept;
-  std::vector<char> kept_test;
+  std::vector<char> exists(input.views.size());
+  std::vector<std::string> missing;
   for (size_t i = 0; i < input.views.size(); ++i) {
-    if (is_file(input.views[i].image_path)) {
-      kept_index[i] = static_cast<int32_t>(kept.size());
-      kept.push_back(std::move(input.views[i]));
-      if (!input.is_test.empty()) kept_test.push_back(input.is_test[i]);
-    } else {
-      ++report.images_missing;
-      if (report.missing_names.size() < kNamesShown) {
-        report.missing_names.push_back(printable(input.views[i].name));
-      }
-    }
+    exists[i] = is_file(input.views[i].image_path);
+    if (exists[i]) continue;
+    missing.push_back(input.views[i].name);
+    if (report.missing_names.size() < kNamesKept)
+      report.missing_names.push_back(printable(missing.back()));
   }
-  input.views = std::move(kept);
-  input.is_test = std::move(kept_test);
-  std::vector<Observation> seen;
-  for (const Observation& o : input.observations) {
-    const int32_t view = kept_index[static_cast<size_t>(o.image)];
-    if (view >= 0) seen.push_back({view, o.point});
-  }
-  input.observations = std::move(seen);
-
-  if (report.images_missing == 0) return;
-  const std::string which = fmt::format("{}", fmt::join(report.missing_names, ", "));
-  const char* more = report.images_missing > static_cast<int>(kNamesShown) ? ", ..." : "";
+  keep_views(input, exists);
+  report.images_missing = static_cast<int>(missing.size());
+  if (missing.empty()) return;
+  const std::string what = fmt::format("{} of {} registered images are missing: {}", missing.size(),
+                                       report.images_registered, name_list(missing));
   if (2 * input.views.size() < static_cast<size_t>(report.images_registered)) {
-    throw Error(fmt::format("{} of {} registered images are missing: {}{}", report.images_missing,
-                            report.images_registered, which, more),
-                input.image_folder.string(), "put the images back under these names");
+    const fs::path& where = input.listing.empty() ? input.image_folder : input.listing;
+    throw Error(what, where.string(),
+                input.listing.empty() ? "put the images back under these names"
+                                      : "put the images under these names beside the file");
   }
-  report.warnings.push_back(fmt::format("{} of {} registered images are missing: {}{}",
-                                        report.images_missing, report.images_registered, which,
-                                        more));
+  report.warnings.push_back(what);
 }
 
-// Cameras at the size of the stored images; only those that a view uses, each once. Counts images
-// with an alpha channel.
-int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory) {
-  int with_alpha = 0;
+// Cameras at the size of the images; only those that a view uses, each once. Counts images with an
+// alpha channel.
+int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory, SceneReport& report) {
+  int with_alpha = 0, turned = 0;
   std::vector<Camera> cameras;
   std::map<std::tuple<int, int, int>, int> index;
   for (View& view : input.views) {
@@ -72,11 +60,15 @@ int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory) {
     }
     add_photo(memory, info, !view.mask_path.empty(), downscale);
     with_alpha += info.channels % 2 == 0;
-    const auto [it, is_new] = index.emplace(std::tuple{view.camera, info.width, info.height},
+    const Camera& camera = input.cameras[static_cast<size_t>(view.camera)];
+    const int orientation = orientation_for(camera, info);
+    turned += orientation != 1;
+    const ShownPixels shown = shown_pixels(orientation, info.width, info.height);
+    const auto [it, is_new] = index.emplace(std::tuple{view.camera, shown.width, shown.height},
                                             static_cast<int>(cameras.size()));
     if (is_new) {
-      cameras.push_back(camera_of_photo(input.cameras[static_cast<size_t>(view.camera)], view,
-                                        info.width, info.height, info.width, info.height));
+      cameras.push_back(
+          camera_of_photo(camera, view, shown.width, shown.height, shown.width, shown.height));
     }
     view.camera = it->second;
     // A photo that is turned to fit its camera is read upright.
@@ -85,6 +77,12 @@ int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory) {
     view.orientation = as_stored ? info.orientation : 1;
   }
   input.cameras = std::move(cameras);
+  if (turned > 0) {
+    report.notes.push_back(
+        fmt::format("{} of {} photos are turned as their EXIF orientation says: their cameras have "
+                    "the size of the turned picture",
+                    turned, input.views.size()));
+  }
   return with_alpha;
 }
 
@@ -149,9 +147,33 @@ void find_masks(SceneInput& input, SceneReport& report) {
 
 }  // namespace
 
+void keep_views(SceneInput& input, const std::vector<char>& keep) {
+  std::vector<int32_t> new_index(input.views.size(), -1);
+  std::vector<View> views;
+  std::vector<char> is_test;
+  for (size_t i = 0; i < input.views.size(); ++i) {
+    if (!keep[i]) continue;
+    new_index[i] = static_cast<int32_t>(views.size());
+    views.push_back(std::move(input.views[i]));
+    if (!input.is_test.empty()) is_test.push_back(input.is_test[i]);
+  }
+  input.views = std::move(views);
+  input.is_test = std::move(is_test);
+  std::vector<Observation> seen;
+  for (const Observation& o : input.observations) {
+    const int32_t view = new_index[static_cast<size_t>(o.image)];
+    if (view >= 0) seen.push_back({view, o.point});
+  }
+  input.observations = std::move(seen);
+}
+
 bool is_image_file(const fs::path& path) {
-  static const std::set<std::string> kExtensions{".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr",
-                                                 ".bmp", ".webp", ".hdr", ".ppm", ".tga"};
+  static const std::set<std::string> kExtensions = [] {
+    std::set<std::string> known{".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr",
+                                ".bmp", ".webp", ".hdr", ".ppm", ".tga"};
+    known.merge(readable_camera_formats());
+    return known;
+  }();
   const std::string name = path.filename().string();
   return !name.empty() && name.front() != '.' && kExtensions.count(lower_extension(path)) > 0;
 }
@@ -176,7 +198,7 @@ void resolve_images(SceneInput& input, int downscale, SceneReport& report, bool*
   drop_missing(input, report);
   find_masks(input, report);
   PhotoMemory memory;
-  const int with_alpha = fit_cameras(input, downscale, memory);
+  const int with_alpha = fit_cameras(input, downscale, memory, report);
   report.memory_estimate_bytes = memory.kept + memory.largest;
   *alpha = with_alpha > 0 && any_transparency(input);
   if (*alpha && with_alpha < static_cast<int>(input.views.size())) {

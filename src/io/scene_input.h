@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,18 +25,27 @@ struct SceneInput {
   };
   std::vector<Depths> depths;          // where the files say so, of all registered views
   std::filesystem::path image_folder;  // what View::name is relative to, for masks
+  std::filesystem::path listing;       // the file that names the images, for errors; may be empty
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
-  int images_total = 0;  // listed by the files or found beside the registered ones
-  bool blender = false;  // rendered: +z is up, and alpha, where there is any, is real
-  std::vector<std::string> ignored, warnings;
+  int images_total = 0;     // listed by the files or found beside the registered ones
+  bool blender = false;     // rendered: +z is up, and alpha, where there is any, is real
+  std::optional<Vec3d> up;  // where the files say it
+  std::vector<std::filesystem::path> point_files;  // named as the points; read where there are none
+  std::vector<std::string> notes, ignored, warnings;
 };
 
-// root/sparse/N, root/sparse, root/colmap/sparse/N, root/colmap/sparse or root itself.
+// Leaves out the views whose entry is 0, with what runs parallel to them.
+void keep_views(SceneInput& input, const std::vector<char>& keep);
+
+// Models below root: sparse/N, sparse, colmap/sparse/N, dense/sparse, distorted/sparse/0, or root
+// itself.
 std::vector<std::filesystem::path> find_colmap_models(const std::filesystem::path& root);
 SceneInput read_colmap_scene(const std::filesystem::path& root);
 
 // transforms.json of nerfstudio or instant-ngp.
 SceneInput read_transforms_scene(const std::filesystem::path& file);
+// Polycam's or Record3D's own folders (phone_scans.h).
+SceneInput read_phone_scene(const std::filesystem::path& root);
 // transforms_train.json with transforms_test.json or transforms_val.json beside it.
 SceneInput read_blender_scene(const std::filesystem::path& root);
 

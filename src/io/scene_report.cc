@@ -1,5 +1,7 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
 #include <string>
 #include <string_view>
 
@@ -15,6 +17,19 @@ std::string size_text(uint64_t bytes) {
 
 std::string vector_text(const Vec3d& v) {
   return fmt::format("({:.4g}, {:.4g}, {:.4g})", v.x, v.y, v.z);
+}
+
+// The box as --bbox takes it, to a thousandth of its size: projected coordinates are large.
+std::string box_text(const Box3& box) {
+  const Vec3d size = box.size();
+  const double step = std::max({size.x, size.y, size.z}) / 1000;
+  const bool usual = step > 0 && std::isfinite(step);
+  const int digits = usual ? std::clamp(static_cast<int>(std::ceil(-std::log10(step))), 0, 9) : 4;
+  std::string text;
+  for (const Vec3d& corner : {box.min, box.max})
+    for (int k = 0; k < 3; ++k)
+      text += fmt::format("{}{:.{}f}", text.empty() ? "" : ",", corner[k], digits);
+  return text;
 }
 
 class Lines {
@@ -49,8 +64,7 @@ std::string format_report(const SceneReport& r) {
   } else {
     lines.add("points", "none");
   }
-  lines.add("extent",
-            fmt::format("{} to {}", vector_text(r.extent.min), vector_text(r.extent.max)));
+  lines.add("extent", box_text(r.extent) + " (as --bbox takes it)");
   lines.add("near, far", fmt::format("{:.4g}, {:.4g}", r.near, r.far));
   lines.add("up", r.up_source.empty() ? vector_text(r.up)
                                       : fmt::format("{}, {}", vector_text(r.up), r.up_source));
@@ -64,6 +78,7 @@ std::string format_report(const SceneReport& r) {
                           ? fmt::format("about {} of {}", size_text(r.memory_estimate_bytes),
                                         size_text(r.memory_limit_bytes))
                           : fmt::format("about {}", size_text(r.memory_estimate_bytes)));
+  lines.add_list("note", r.notes);
   lines.add_list("ignored", r.ignored);
   lines.add_list("warning", r.warnings);
   return lines.take();

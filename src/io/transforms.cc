@@ -6,16 +6,19 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <cmath>
+#include <optional>
 #include <set>
 #include <tuple>
 
-#include "nerf/base/file.h"
+#include "image_lookup.h"
+#include "lenient_json.h"
 #include "nerf/io/image.h"
 #include "paths.h"
+#include "phone_scans.h"
 #include "scene_input.h"
 #include "scene_limits.h"
 #include "transforms_camera.h"
+#include "transforms_fields.h"
 
 namespace nerf::internal {
 
@@ -24,34 +27,9 @@ using nlohmann::json;
 
 namespace {
 
-json read_json(const fs::path& file) {
-  const std::string text = read_text_file(file, uint64_t{256} << 20);
-  try {
-    return json::parse(text);
-  } catch (const json::exception& e) {
-    // "[json.exception.parse_error.101] parse error at line 3, column 5: ..."
-    std::string what = e.what();
-    if (const size_t end = what.find("] "); end != what.npos) what = what.substr(end + 2);
-    throw Error(printable(what), file.string(), "not a JSON file, or cut off");
-  }
-}
-
-// The file that a frame names, which may lack an extension; where there is none, what it would be.
-fs::path frame_image(const fs::path& root, const std::string& file_path) {
-  std::string forward = file_path;
-  std::replace(forward.begin(), forward.end(), '\\', '/');
-  for (const std::string& name : {file_path, forward}) {
-    for (const char* extension :
-         {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr", ".tif"}) {
-      const fs::path path = root / (name + extension);
-      if (is_file(path)) return path.lexically_normal();
-    }
-  }
-  return (root / forward).lexically_normal();
-}
-
 Pose frame_pose(const FrameJson& frame) {
   const json* matrix = frame.find("transform_matrix");
+  if (matrix == nullptr) matrix = frame.find("transform_matrix_start");  // a moving camera
   if (matrix == nullptr || !matrix->is_array() || matrix->size() < 3 || matrix->size() > 4) {
     frame.fail("\"transform_matrix\" is not 4 rows of 4 numbers");
   }
@@ -64,8 +42,10 @@ Pose frame_pose(const FrameJson& frame) {
     }
     for (int c = 0; c < 4; ++c) {
       const json& cell = row[static_cast<size_t>(c)];
-      const double value = cell.is_number() ? cell.get<double>() : std::nan("");
-      if (!std::isfinite(value)) frame.fail("\"transform_matrix\" holds what is not a number");
+      if (is_not_finite(cell) || cell.is_null())  // which is what some write for NaN
+        throw NotFinite("\"transform_matrix\" holds what is not a number", frame.where);
+      if (!cell.is_number()) frame.fail("\"transform_matrix\" holds what is not a number");
+      const auto value = cell.get<double>();
       (c < 3 ? rotation(r, c) : center[r]) = value;
     }
   }
@@ -94,36 +74,70 @@ class TransformsReader {
  public:
   explicit TransformsReader(SceneInput& input) : input_(input) {}
 
-  void read(const fs::path& file, bool test) {
-    const json root = read_json(file);
+  // `test`: all of the file's views are held out. `split`: the file may say which ones are.
+  void read(const fs::path& file, bool test, bool split = false) {
+    read(read_lenient_json(file), file, file.parent_path(), test, split);
+  }
+
+  // `root` as the file says it, whose images lie below `root_folder`.
+  void read(const json& root, const fs::path& file, const fs::path& root_folder, bool test,
+            bool split) {
     if (!root.is_object() || !root.contains("frames") || !root["frames"].is_array()) {
       throw Error("there is no list \"frames\"", file.string(),
                   "a transforms file has one entry per image in \"frames\"");
     }
     const json& frames = root["frames"];
+    const auto frame_at = [&](size_t i) {
+      return FrameJson{frames[i], root, fmt::format("{}, frames[{}]", file.string(), i)};
+    };
+    std::vector<std::string> names;
     for (size_t i = 0; i < frames.size(); ++i) {
-      FrameJson frame{frames[i], root, fmt::format("{}, frames[{}]", file.string(), i)};
+      const FrameJson frame = frame_at(i);
       if (!frames[i].is_object()) frame.fail("the frame is not an object");
-      add(frame, file.parent_path(), test);
+      // Only the frame's own: a file_path for the whole file makes no sense.
+      names.push_back(FrameJson{frame.frame, frame.frame, frame.where}.text("file_path"));
+      if (clean_image_name(names.back()).empty()) frame.fail("there is no \"file_path\"");
+      collect_unread(frames[i], unread_);
     }
+    const std::vector<FoundImage> images = find_images(root_folder, names, &input_.notes);
+    for (size_t i = 0; i < frames.size(); ++i) {
+      try {
+        add(frame_at(i), images[i], root_folder, test);
+      } catch (const NotFinite& problem) {
+        if (!unusable_) unusable_ = problem;
+        unusable_names_.push_back(images[i].name);
+      }
+    }
+    listed_ += frames.size();
+    collect_unread(root, unread_);
+    if (!test) read_common_entries(root, file, input_);
+    if (split) obey_split(root, file, input_);
     note_flavour(root);
+  }
+
+  // What is said once, of all files together.
+  void finish(const std::string& file) {
+    for (std::string& line : describe_unread(unread_, file))
+      input_.ignored.push_back(std::move(line));
+    if (unusable_names_.empty()) return;
+    if (input_.views.empty()) throw *unusable_;
+    input_.warnings.push_back(
+        fmt::format("{} of {} photos are left out, their camera or pose is not finite: {}",
+                    unusable_names_.size(), listed_, name_list(unusable_names_)));
   }
 
   bool nerfstudio() const { return nerfstudio_; }
   bool instant_ngp() const { return instant_ngp_; }
 
  private:
-  void add(const FrameJson& frame, const fs::path& root, bool test) {
-    // Only the frame's own: a file_path for the whole file makes no sense.
+  void add(const FrameJson& frame, const FoundImage& image, const fs::path& root, bool test) {
     const FrameJson own{frame.frame, frame.frame, frame.where};
-    const std::string file_path = own.text("file_path");
-    if (clean_image_name(file_path).empty()) frame.fail("there is no \"file_path\"");
-
     View view;
-    view.image_path = frame_image(root, file_path);
-    view.name = clean_image_name(file_path);
+    view.image_path = image.path;
+    view.name = image.name;
     const std::string stored = view.image_path.filename().string();
-    if (stored.size() > fs::path(view.name).filename().string().size()) {
+    if (image.how != FoundImage::How::kByStem &&
+        stored.size() > fs::path(view.name).filename().string().size()) {
       view.name += view.image_path.extension().string();
     }
     if (!names_.insert(view.name).second) {
@@ -166,14 +180,13 @@ class TransformsReader {
          {"camera_model", "applied_transform", "ply_file_path", "orientation_override"})
       nerfstudio_ = nerfstudio_ || root.contains(key);
     instant_ngp_ = instant_ngp_ || root.contains("aabb_scale");
-    for (const char* key :
-         {"train_filenames", "val_filenames", "test_filenames", "ply_file_path"}) {
-      if (root.contains(key)) input_.ignored.push_back(fmt::format("\"{}\" of the file", key));
-    }
   }
 
   SceneInput& input_;
-  std::set<std::string> names_, warnings_;
+  std::set<std::string> names_, warnings_, unread_;
+  std::vector<std::string> unusable_names_;
+  std::optional<NotFinite> unusable_;  // the first
+  size_t listed_ = 0;
   bool nerfstudio_ = false, instant_ngp_ = false;
 };
 
@@ -206,14 +219,29 @@ void require_frames(const SceneInput& input, const fs::path& file) {
 SceneInput read_transforms_scene(const fs::path& file) {
   SceneInput input;
   TransformsReader reader(input);
-  reader.read(file, false);
+  reader.read(file, false, true);
+  reader.finish(file.filename().string());
   require_frames(input, file);
-  input.is_test.clear();
+  input.listing = file;
   input.format = fmt::format("{}{}", file.filename().string(),
                              reader.nerfstudio()    ? " (nerfstudio)"
                              : reader.instant_ngp() ? " (instant-ngp)"
                                                     : "");
   finish(input, file.parent_path());
+  return input;
+}
+
+SceneInput read_phone_scene(const fs::path& root) {
+  const PhoneScan scan = read_phone_scan(root);
+  SceneInput input;
+  TransformsReader reader(input);
+  reader.read(scan.transforms, scan.where, root, false, false);
+  reader.finish(scan.where.filename().string());
+  require_frames(input, scan.where);
+  input.is_test.clear();
+  input.listing = scan.where;
+  input.format = scan.format;
+  finish(input, root);
   return input;
 }
 
@@ -241,6 +269,8 @@ SceneInput read_blender_scene(const fs::path& root) {
     input.is_test.clear();
     input.warnings.push_back("there is no transforms_test.json: every 8th view is held out");
   }
+  reader.finish("the transforms files");
+  input.listing = train;
   input.format = "Blender transforms";
   finish(input, root);
   input.mask_folders.clear();  // transparency is in the images

@@ -10,6 +10,7 @@
 #include <numbers>
 
 #include "colmap.h"
+#include "lenient_json.h"
 #include "scene_limits.h"
 
 namespace nerf::internal {
@@ -27,10 +28,14 @@ const json* FrameJson::find(const char* key) const {
 std::optional<double> FrameJson::number(const char* key) const {
   const json* value = find(key);
   if (value == nullptr) return std::nullopt;
+  if (is_not_finite(*value)) {
+    // A frame's own number is wrong for that frame alone, the file's for all.
+    const std::string what = fmt::format("\"{}\" is not finite", key);
+    if (frame.contains(key) && !frame[key].is_null()) throw NotFinite(what, where);
+    fail(what);
+  }
   if (!value->is_number()) fail(fmt::format("\"{}\" is not a number", key));
-  const auto number = value->get<double>();
-  if (!std::isfinite(number)) fail(fmt::format("\"{}\" is not finite", key));
-  return number;
+  return value->get<double>();
 }
 
 std::string FrameJson::text(const char* key) const {
@@ -89,9 +94,13 @@ LensKind lens_kind(const FrameJson& frame) {
 
 // Focal length of one axis: given, or from the field of view over the image's side.
 std::optional<double> focal(const FrameJson& frame, const char* length, const char* angle,
-                            int side) {
+                            const char* degrees, int side) {
   if (const auto value = frame.number(length)) return value;
-  const auto fov = frame.number(angle);
+  auto fov = frame.number(angle);
+  if (!fov) {
+    fov = frame.number(degrees);
+    if (fov) *fov *= std::numbers::pi / 180;
+  }
   if (!fov) return std::nullopt;
   if (!(*fov > 0 && *fov < std::numbers::pi)) {
     frame.fail(fmt::format("\"{}\" is {} radians", angle, *fov),
@@ -121,8 +130,8 @@ Camera panorama_camera(const FrameJson& frame, const FrameSize& size, std::strin
 Camera frame_camera(const FrameJson& frame, const FrameSize& size, std::string* warning) {
   const LensKind kind = lens_kind(frame);
   if (kind == LensKind::kPanorama) return panorama_camera(frame, size, warning);
-  auto fx = focal(frame, "fl_x", "camera_angle_x", size.width);
-  auto fy = focal(frame, "fl_y", "camera_angle_y", size.height);
+  auto fx = focal(frame, "fl_x", "camera_angle_x", "x_fov", size.width);
+  auto fy = focal(frame, "fl_y", "camera_angle_y", "y_fov", size.height);
   if (!fx) fx = fy;
   if (!fy) fy = fx;
   if (!fx) {

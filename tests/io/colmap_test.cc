@@ -185,18 +185,29 @@ TEST(Colmap, QuaternionsNearUnitAreNormalised) {
   EXPECT_TRUE(contains(read_error(model), "rotation quaternion of length 1.26"));
 }
 
-TEST(Colmap, PosesThatAreNoPosesAreErrors) {
-  for (size_t k = 0; k < 7; ++k) {
+TEST(Colmap, PosesThatAreNotFiniteLeaveTheirImagesOut) {
+  for (size_t k = 0; k < 8; ++k) {
     TestModel model = ring_model();
-    model.images[1].pose[k] = kNan;
-    EXPECT_TRUE(contains(read_error(model), "image 2 (01.png) has a pose that is not finite")) << k;
+    if (k < 7)
+      model.images[1].pose[k] = kNan;
+    else
+      model.images[1].pose[5] = 1e30;
+    TempFolder folder;
+    write_binary(model, folder.path());
+    const ColmapModel read = read_colmap_model(folder.path());
+    ASSERT_EQ(read.images.size(), 3u) << k;
+    EXPECT_EQ(read.images[1].name, "02.png");
+    EXPECT_TRUE(any_contains(read.warnings, "1 of 4 images are left out")) << k;
+    EXPECT_TRUE(any_contains(read.warnings, ": 01.png")) << k;
+    // The points that it saw are seen by the others alone.
+    EXPECT_EQ(read.points[0].views, 2) << k;
   }
-  TestModel model = ring_model();
+  TestModel model = ring_model(1, 0);
+  model.images[0].pose[0] = kNan;
+  EXPECT_TRUE(contains(read_error(model), "image 1 (00.png) has a pose that is not finite"));
+  model = ring_model();
   model.images[1].pose = {0, 0, 0, 0, 1, 2, 3};
   EXPECT_TRUE(contains(read_error(model), "rotation quaternion of length 0"));
-  model = ring_model();
-  model.images[1].pose[5] = 1e30;
-  EXPECT_TRUE(contains(read_error(model), "not finite"));
 }
 
 TEST(Colmap, CamerasWithAbsurdNumbersAreErrors) {

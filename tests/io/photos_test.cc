@@ -268,7 +268,7 @@ TEST_F(Photos, TransposedPhotoIsAnErrorThatSaysSo) {
   EXPECT_TRUE(contains(message,
                        "a.png: the photo is 30 x 40 pixels and its camera 80 x 60: one of "
                        "them is turned by 90 degrees"));
-  EXPECT_TRUE(contains(message, "EXIF orientation is never applied"));
+  EXPECT_TRUE(contains(message, "has no EXIF orientation that says so"));
 }
 
 TEST_F(Photos, CroppedPhotoIsAnError) {

@@ -264,7 +264,7 @@ TEST(FormatReport, SaysWhatAPersonWantsToKnow) {
   const std::string text = format_report(scene.report);
   for (const char* part :
        {"scene         COLMAP binary, sparse/0\n", "9 registered of 9, 1 missing\n",
-        "PINHOLE 40x30\n", "60, mean reprojection error 0.50 px\n", "extent        (",
+        "PINHOLE 40x30\n", "60, mean reprojection error 0.50 px\n", "extent        -",
         "near, far     ", "up            (", "masks         1 of 8 images\n",
         "values of 128 and more keep", "memory        about ", "ignored       something\n",
         "warning       1 of 9 registered"}) {

@@ -238,7 +238,7 @@ TEST_F(Transforms, BrokenFilesAreErrorsWithTheirPlace) {
       contains(with([](json& r) { r["frames"][1].erase("transform_matrix"); }), "frames[1]"));
   EXPECT_TRUE(contains(with([](json& r) { r["frames"][1]["transform_matrix"][0].erase(0); }),
                        "4 rows of 4 numbers"));
-  EXPECT_TRUE(contains(with([](json& r) { r["frames"][1]["transform_matrix"][0][1] = nullptr; }),
+  EXPECT_TRUE(contains(with([](json& r) { r["frames"][1]["transform_matrix"][0][1] = "x"; }),
                        "what is not a number"));
   EXPECT_TRUE(contains(with([](json& r) { r["frames"][1]["transform_matrix"][0][3] = 1e40; }),
                        "absurd position"));

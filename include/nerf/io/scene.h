@@ -52,6 +52,7 @@ struct SceneOptions {
   int downscale = 1;                           // photos divided by this, area average
   std::optional<Box3> bbox;                    // input coordinates; what to reconstruct
   std::optional<Vec3d> up;                     // input coordinates; overrides the estimate
+  std::optional<double> near, far;             // input units; override the estimates
   std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
   CutOut cut_out;                              // of photos without alpha
   std::filesystem::path work_folder;           // where photos and video put frames and the model
@@ -77,6 +78,7 @@ struct SceneReport {
   std::string cut_out;  // what was found of a background of one colour; empty: nothing
   uint64_t memory_estimate_bytes = 0;  // of the photos; a trainer adds its own
   uint64_t memory_limit_bytes = 0;     // of this process
+  std::vector<std::string> notes;      // how files were understood that say it in an odd way
   std::vector<std::string> ignored;    // inputs that were found and not used
   std::vector<std::string> warnings;
 };
