@@ -55,10 +55,13 @@ function(nerf_add_kernels_layer layer)
       list(APPEND avx512 -Wno-uninitialized -Wno-maybe-uninitialized)
     endif()
     set(amx ${avx512} -mamx-tile -mamx-bf16)
+    set(vnni ${avx512} -mavx512vnni)
     set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/bf16_avx512.cc
                                 PROPERTIES COMPILE_OPTIONS "${avx512}")
     set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/bf16_amx.cc
                                 PROPERTIES COMPILE_OPTIONS "${amx}")
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/descriptors_vnni.cc
+                                PROPERTIES COMPILE_OPTIONS "${vnni}")
   endif()
 endfunction()
 
