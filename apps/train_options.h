@@ -53,7 +53,7 @@ struct TrainCommand {
   int scales = 1;
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
-  std::string camera_model = "SIMPLE_RADIAL";
+  std::string camera_model = "auto";
   int threads = 0;
   bool resume = false;
   bool overwrite = false;
@@ -94,7 +94,7 @@ struct TrainCommand {
       at_least(1), at_most(6));
     v("bbox", bbox, "box to reconstruct, input coordinates");
     v("up", up, "direction that points up, input coordinates");
-    v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
+    v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "
       "a tenth of them; 0: only at the end",

@@ -105,8 +105,8 @@ void link_or_copy(const fs::path& photos, const fs::path& link) {
 }  // namespace
 
 void check_camera_model(const std::string& name) {
-  if (camera_model_from_name(name)) return;
-  std::vector<std::string> known;
+  if (name == internal::kAutoCameraModel || camera_model_from_name(name)) return;
+  std::vector<std::string> known{internal::kAutoCameraModel};
   for (int id = 0; const auto model = camera_model_from_id(id); ++id)
     known.emplace_back(camera_model_name(*model));
   throw Error(fmt::format("there is no camera model {}", name), "--camera-model",

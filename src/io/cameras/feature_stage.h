@@ -18,11 +18,16 @@ struct FeatureSettings {
   int doubled_below = 1200;
   double peak_threshold = 0.0067;  // of a feature's contrast; COLMAP's default
 
+  // A lens with eight numbers is more than few photos can tell.
+  size_t photos_for_opencv = 8;
+
   std::string text() const;  // for keys
 };
 
+inline constexpr const char* kAutoCameraModel = "auto";
+
 // Looks for features of the photos that `database` lacks. One camera for each device and lens, its
-// focal length as EXIF has it where it does.
+// focal length as EXIF has it where it does. `camera_model`: see capture_tools.h.
 void find_features(const ColmapProgram& colmap, const CapturePhotos& photos,
                    const std::filesystem::path& database, const std::string& camera_model,
                    const FeatureSettings& settings, const Tell& tell);
