@@ -45,7 +45,7 @@ std::vector<Attempt> attempts() {
   thorough.features.doubled_below = 1 << 20;
   thorough.features.longest_side = 1600;
   thorough.features.peak_threshold = 0.004;
-  thorough.pairs = {300, 100, 50, 24};
+  thorough.pairs = {400, 150, 50, 24};
   return {{"usual"},
           {"usual", true, {}, {}, "weaker links between photos"},
           std::move(thorough)};

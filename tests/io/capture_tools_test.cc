@@ -196,14 +196,14 @@ TEST_F(CaptureTools, LensModelsFollowTheNumberOfPhotos) {
   EXPECT_TRUE(contains(error_of([] { check_camera_model("OPENCB"); }), "OPENCV"));
 }
 
-// 120 photos are 7,140 pairs.
+// 160 photos are 12,720 pairs.
 TEST_F(CaptureTools, OfManyPhotosLikelyPairsAreMatched) {
   const fs::path first = folder_ / "photos" / "p0.jpg";
-  for (int i = 0; i < 117; ++i) fs::copy(first, folder_ / "photos" / (std::to_string(i) + ".jpg"));
-  set("STANDIN_PLACED", "170");
+  for (int i = 0; i < 157; ++i) fs::copy(first, folder_ / "photos" / (std::to_string(i) + ".jpg"));
+  set("STANDIN_PLACED", "240");
   run();
-  EXPECT_TRUE(told("of 7140 pairs of photos may show the same things"));
-  EXPECT_FALSE(told("7140 of 7140"));
+  EXPECT_TRUE(told("of 12720 pairs of photos may show the same things"));
+  EXPECT_FALSE(told("12720 of 12720"));
 }
 
 TEST_F(CaptureTools, StagesThatWereDoneAreNotDoneAgain) {

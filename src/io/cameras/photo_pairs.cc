@@ -14,6 +14,19 @@ void add(std::vector<PhotoPair>& pairs, int a, int b) {
   if (a != b) pairs.emplace_back(std::min(a, b), std::max(a, b));
 }
 
+// Summed in lanes, so that the compiler may use vectors.
+double dot_product(const std::vector<float>& a, const std::vector<float>& b) {
+  constexpr size_t kLanes = 8;
+  std::array<float, kLanes> sums{};
+  size_t i = 0;
+  for (; i + kLanes <= a.size(); i += kLanes)
+    for (size_t k = 0; k < kLanes; ++k) sums[k] += a[i + k] * b[i + k];
+  for (; i < a.size(); ++i) sums[0] += a[i] * b[i];
+  double sum = 0;
+  for (const float s : sums) sum += static_cast<double>(s);
+  return sum;
+}
+
 // Adds each photo's `count` nearest by `distance`, where it has one.
 template <class Distance>
 void add_nearest(std::vector<PhotoPair>& pairs, int photos, int count, const Distance& distance) {
@@ -53,9 +66,7 @@ std::vector<PhotoPair> likely_pairs(
     const std::vector<float>&a = descriptors[static_cast<size_t>(i)],
           &b = descriptors[static_cast<size_t>(j)];
     if (a.empty() || b.empty()) return {};
-    float dot = 0;
-    for (size_t k = 0; k < a.size(); ++k) dot += a[k] * b[k];
-    return -static_cast<double>(dot);
+    return -dot_product(a, b);
   });
   add_nearest(pairs, count, settings.nearest_places, [&](int i, int j) -> std::optional<double> {
     const auto &a = places[static_cast<size_t>(i)], &b = places[static_cast<size_t>(j)];

@@ -11,8 +11,8 @@ namespace nerf::internal {
 using PhotoPair = std::pair<int, int>;  // the lower index first
 
 struct PairSettings {
-  int every_pair_up_to = 100;  // photos: 4,950 pairs
-  int nearest = 40;            // by the global descriptor
+  int every_pair_up_to = 150;  // photos: 11,175 pairs
+  int nearest = 60;            // by the global descriptor
   int nearest_places = 20;     // by GPS
   int neighbours = 12;         // in the order of names, on either side; further ones at 16, 32, ...
 };
