@@ -16,7 +16,7 @@ struct CapturePhoto {
 };
 
 struct CapturePhotos {
-  std::filesystem::path folder;  // absolute
+  std::filesystem::path folder;      // absolute
   std::vector<CapturePhoto> photos;  // in the order of names
 
   // Indices of photos that one camera took: the same device, lens and zoom and the same size, or,
