@@ -43,9 +43,8 @@ void make_video(const RenderCommand& command, const RenderedFiles& files, double
 void bake(RadianceField& field, const RenderPlan& plan, ThreadPool& pool, const Cancel& cancel) {
   uint64_t pixels = 0;
   for (const auto& frame : plan.frames)
-    pixels +=
-        static_cast<uint64_t>(frame.camera.width) * static_cast<uint64_t>(frame.camera.height) *
-        (frame.right ? 2 : 1);
+    pixels += static_cast<uint64_t>(frame.camera.width) *
+              static_cast<uint64_t>(frame.camera.height) * (frame.right ? 2 : 1);
   Progress clock("baking");
   if (field.bake(pixels, pool, &cancel))
     log_info(fmt::format("empty space found in {:.1f} s", clock.elapsed_seconds()));
@@ -70,8 +69,8 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  const RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes(),
-                                           density_of(field, pool));
+  const RenderPlan plan =
+      make_render_plan(command, field.info(), available_memory_bytes(), density_of(field, pool));
   for (const std::string& note : plan.notes) log_warning(note);
   if (!command.mp4.empty()) check_video(command.mp4);
   make_writable_folder(command.out);

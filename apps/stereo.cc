@@ -40,10 +40,8 @@ Frame join_eyes(PictureKind picture, const Frame& left, const Frame& right) {
   const bool over = picture == PictureKind::kOds;
   const size_t w = static_cast<size_t>(left.width), h = static_cast<size_t>(left.height);
   const size_t stride = over ? w : 2 * w;
-  Frame out{over ? left.width : 2 * left.width,
-            over ? 2 * left.height : left.height,
-            std::vector<Real>(6 * w * h),
-            std::vector<Real>(2 * w * h),
+  Frame out{over ? left.width : 2 * left.width, over ? 2 * left.height : left.height,
+            std::vector<Real>(6 * w * h), std::vector<Real>(2 * w * h),
             std::vector<Real>(2 * w * h)};
   for (const Frame* eye : {&left, &right}) {
     const size_t first = eye == &left ? 0 : over ? w * h : w;

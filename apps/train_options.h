@@ -56,7 +56,7 @@ struct TrainCommand {
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
   std::optional<double> near, far;
-  std::string camera_model = "SIMPLE_RADIAL";
+  std::string camera_model = "auto";
   CutOut cut_out;
   int threads = 0;
   bool resume = false;
@@ -102,7 +102,7 @@ struct TrainCommand {
     v("up", up, "direction that points up, input coordinates");
     v("near", near, "distance from every camera at which content may begin, input unit", above(0));
     v("far", far, "distance from the cameras at which content ends, input unit", above(0));
-    v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name");
+    v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "
       "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "

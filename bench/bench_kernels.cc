@@ -84,7 +84,7 @@ class KernelBench {
 
   int run() {
     std::vector<KernelCase> cases;
-    for (auto group : {network_cases, grid_cases, ray_cases, elementwise_cases})
+    for (auto group : {network_cases, grid_cases, ray_cases, elementwise_cases, descriptor_cases})
       for (KernelCase& c : group())
         if (c.name.find(options_.filter) != std::string::npos) cases.push_back(std::move(c));
     if (cases.empty())

@@ -75,6 +75,7 @@ std::vector<KernelCase> network_cases();
 std::vector<KernelCase> grid_cases();
 std::vector<KernelCase> elementwise_cases();
 std::vector<KernelCase> ray_cases();
+std::vector<KernelCase> descriptor_cases();
 
 // Bounds of the cases.
 inline constexpr const char* kBoundFma = "FMA";

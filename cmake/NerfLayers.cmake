@@ -1,4 +1,4 @@
-# A layer is src/<layer>/*.cc as an object library; the installed library is all of them together.
+# A layer is src/<layer>/*.cc, and the FOLDERS below it that are named, as an object library; the installed library is all of them together.
 set(NERF_LAYERS "" CACHE INTERNAL "")
 set(NERF_LINK "" CACHE INTERNAL "")
 # What a program must be compiled with to agree with the library about its types (base/real.h).
@@ -16,8 +16,12 @@ target_include_directories(nerf_flags INTERFACE ${PROJECT_SOURCE_DIR}/include
                                                 ${PROJECT_BINARY_DIR}/generated)
 
 function(nerf_add_layer layer)
-  cmake_parse_arguments(ARG "" "" "LINK;SOURCES" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "LINK;SOURCES;FOLDERS" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/*.cc)
+  foreach(folder ${ARG_FOLDERS})
+    file(GLOB below CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${layer}/${folder}/*.cc)
+    list(APPEND sources ${below})
+  endforeach()
   if(ARG_SOURCES)
     set(sources ${ARG_SOURCES})
   endif()
@@ -55,10 +59,13 @@ function(nerf_add_kernels_layer layer)
       list(APPEND avx512 -Wno-uninitialized -Wno-maybe-uninitialized)
     endif()
     set(amx ${avx512} -mamx-tile -mamx-bf16)
+    set(vnni ${avx512} -mavx512vnni)
     set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/bf16_avx512.cc
                                 PROPERTIES COMPILE_OPTIONS "${avx512}")
     set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/bf16_amx.cc
                                 PROPERTIES COMPILE_OPTIONS "${amx}")
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/descriptors_vnni.cc
+                                PROPERTIES COMPILE_OPTIONS "${vnni}")
   endif()
 endfunction()
 
@@ -81,7 +88,8 @@ endfunction()
 # so that a layer can be built and tested while one above it is in pieces. A folder that is named after
 # no layer (tests/stress) links all of them.
 function(nerf_add_layer_tests layer)
-  file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${layer}/*_test.cc)
+  file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${layer}/*_test.cc
+                                      ${PROJECT_SOURCE_DIR}/tests/${layer}/*/*_test.cc)
   if(NOT sources)
     return()
   endif()

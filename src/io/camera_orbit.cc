@@ -19,18 +19,18 @@ constexpr Vec3d kUp{0, 0, 1};
 constexpr double kWidestGap = 90 * kDegree;
 // Half the arc of a swing where a camera or two say nothing of one.
 constexpr double kLeastSwing = 8 * kDegree;
-constexpr double kAstray = 3;                     // times the median distance, or one over it
-constexpr double kNeighbourhood = 20 * kDegree;   // sigma of the weight of a camera's azimuth
-constexpr double kMostElevation = 75 * kDegree;   // an orbit straight above would turn on the spot
+constexpr double kAstray = 3;                    // times the median distance, or one over it
+constexpr double kNeighbourhood = 20 * kDegree;  // sigma of the weight of a camera's azimuth
+constexpr double kMostElevation = 75 * kDegree;  // an orbit straight above would turn on the spot
 // The azimuth of a camera above the focus says nothing; that of one at it neither.
-constexpr double kLeastRadius = 0.05;             // of the distance
+constexpr double kLeastRadius = 0.05;  // of the distance
 
 // How the camera gives way to matter.
-constexpr int kPlaces = 96;                       // along the curve
+constexpr int kPlaces = 96;  // along the curve
 constexpr std::array kScales{1.0, 0.93, 0.86, 0.79, 0.72, 0.64, 0.56, 0.48, 0.4, 1.08};
 constexpr std::array kLifts{0.0, 8.0, -8.0, 16.0, -16.0, 24.0};  // of the elevation, degrees
 constexpr int kCandidates = static_cast<int>(kScales.size() * kLifts.size());
-constexpr double kClearance = 0.05;  // of the distance: free space around the camera
+constexpr double kClearance = 0.05;   // of the distance: free space around the camera
 constexpr double kForeground = 0.35;  // of the distance, before the lens: free on the whole
 constexpr int kAhead = 14;            // samples of the foreground
 constexpr double kObstacle = 0.25;    // share of the light stopped that counts as obstruction
@@ -75,11 +75,10 @@ class Rounds {
     const double a = azimuth(u);
     const auto [distance, mean_elevation] = mean_at(a);
     const double sway = sway_ * std::cos(2 * kPi * u);
-    const double e =
-        std::clamp(mean_elevation + sway + lift, -kMostElevation, kMostElevation);
+    const double e = std::clamp(mean_elevation + sway + lift, -kMostElevation, kMostElevation);
     const double d = scale * distance;
-    return focus_ + Vec3d{d * std::cos(e) * std::cos(a), d * std::cos(e) * std::sin(a),
-                          d * std::sin(e)};
+    return focus_ +
+           Vec3d{d * std::cos(e) * std::cos(a), d * std::cos(e) * std::sin(a), d * std::sin(e)};
   }
   // Unit vector from a place on the curve to what it shows.
   Vec3d view_from(const Vec3d& position) const {
@@ -223,8 +222,8 @@ class Periodic {
       return values_[static_cast<size_t>((static_cast<int>(place) + k + count) % count)];
     };
     const double p0 = value(-1), p1 = value(0), p2 = value(1), p3 = value(2);
-    return p1 + 0.5 * t * (p2 - p0 + t * (2 * p0 - 5 * p1 + 4 * p2 - p3 +
-                                          t * (3 * (p1 - p2) + p3 - p0)));
+    return p1 + 0.5 * t *
+                    (p2 - p0 + t * (2 * p0 - 5 * p1 + 4 * p2 - p3 + t * (3 * (p1 - p2) + p3 - p0)));
   }
 
  private:

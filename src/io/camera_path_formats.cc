@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "colmap.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/text.h"
 #include "nerf/math/camera_paths.h"
-#include "colmap.h"
 #include "paths.h"
 #include "scene_limits.h"
 #include "transforms_camera.h"
@@ -62,8 +62,9 @@ json parse_path_json(const std::string& text, const std::string& where) {
 
 Pose opengl_pose(const json& rows, const std::string& where) {
   const auto fail = [&](const std::string& what) -> void {
-    throw Error(what, where, "3 or 4 rows of 4 numbers: the camera's unit axes right, up and "
-                             "backward, and its position");
+    throw Error(what, where,
+                "3 or 4 rows of 4 numbers: the camera's unit axes right, up and "
+                "backward, and its position");
   };
   if (!rows.is_array() || rows.size() < 3 || rows.size() > 4) fail("is no matrix of a pose");
   Pose pose;

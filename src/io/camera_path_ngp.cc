@@ -182,10 +182,9 @@ CameraPath read_instant_ngp_path(const PathSource& source) {
       const auto span = static_cast<int>(std::min<std::ptrdiff_t>(
           std::upper_bound(ends.begin(), ends.end(), time) - ends.begin(), spans - 1));
       const double begin = span == 0 ? 0 : ends[static_cast<size_t>(span) - 1];
-      const double within = std::clamp((time - begin) / (ends[static_cast<size_t>(span)] - begin),
-                                       0.0, 1.0);
-      const Key between =
-          spline(within, {key(span - 1), key(span), key(span + 1), key(span + 2)});
+      const double within =
+          std::clamp((time - begin) / (ends[static_cast<size_t>(span)] - begin), 0.0, 1.0);
+      const Key between = spline(within, {key(span - 1), key(span), key(span + 1), key(span + 2)});
       frame = frame_of(between, cube, usual);
     }
     frame.name = source.frame_name(static_cast<size_t>(f));

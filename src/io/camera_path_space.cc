@@ -6,10 +6,10 @@
 #include <optional>
 
 #include "camera_path_formats.h"
+#include "colmap.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/math/camera_paths.h"
-#include "colmap.h"
 #include "paths.h"
 #include "scene_limits.h"
 
@@ -141,9 +141,9 @@ void place_path(CameraPath& path, const fs::path& file, const fs::path& transfor
     if (const auto applied = read_applied(file.parent_path() / "transforms.json")) {
       CameraPath after = placed;
       for (PathFrame& frame : after.frames)
-        frame.camera_to_world = {applied->rotation * frame.camera_to_world.rotation,
-                                 applied->rotation * frame.camera_to_world.translation +
-                                     applied->translation};
+        frame.camera_to_world = {
+            applied->rotation * frame.camera_to_world.rotation,
+            applied->rotation * frame.camera_to_world.translation + applied->translation};
       if (const double d = distance_from(cameras, after); d < placed_distance) {
         placed = std::move(after);
         placed_distance = d;

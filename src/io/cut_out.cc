@@ -76,12 +76,11 @@ std::vector<uint8_t> background_of(const StoredImage& image,
   }
   for (size_t i = 0; i < marks.size(); ++i) {
     if (marks[i] != kMatter) continue;
-    const std::vector<size_t> part =
-        flood(image.width, image.height, i, marks, kVisited,
-              [&](size_t to) { return marks[to] == kMatter; });
+    const std::vector<size_t> part = flood(image.width, image.height, i, marks, kVisited,
+                                           [&](size_t to) { return marks[to] == kMatter; });
     if (part.size() > kSpeckPixels) continue;
-    const bool is_speck = std::ranges::all_of(
-        part, [&](size_t at) { return difference[at] <= kSpeckTolerance; });
+    const bool is_speck =
+        std::ranges::all_of(part, [&](size_t at) { return difference[at] <= kSpeckTolerance; });
     // One in the background, not a part of it that matter encloses.
     if (is_speck && std::ranges::any_of(part, [&](size_t at) { return !is_like(at); }))
       for (const size_t at : part) marks[at] = kBackground;
@@ -146,8 +145,8 @@ void cut_out(StoredImage& image, const Rgb8& colour) {
   image.type == SampleType::k8 ? out.samples8.resize(count) : out.samples16.resize(count);
   for (int y = 0; y < image.height; ++y)
     for (int x = 0; x < image.width; ++x) {
-      const size_t i = static_cast<size_t>(y) * static_cast<size_t>(image.width) +
-                       static_cast<size_t>(x);
+      const size_t i =
+          static_cast<size_t>(y) * static_cast<size_t>(image.width) + static_cast<size_t>(x);
       const float share =
           background[i] ? 0 : share_of_matter(image, background, difference, colour, x, y);
       for (size_t c = 0; c < 3; ++c) {

@@ -85,8 +85,8 @@ Rgb8 border_colour(const StoredImage& image) {
     for (int x = 0; x < image.width; ++x) {
       if (x == kBorder && y >= kBorder && y < image.height - kBorder)
         x = std::max(x, image.width - kBorder);
-      const size_t at = (static_cast<size_t>(y) * static_cast<size_t>(image.width) +
-                         static_cast<size_t>(x)) * in;
+      const size_t at =
+          (static_cast<size_t>(y) * static_cast<size_t>(image.width) + static_cast<size_t>(x)) * in;
       for (size_t c = 0; c < 3; ++c) ++counts[c][image.samples8[at + (in < 3 ? 0 : c)]];
       ++pixels;
     }

@@ -13,9 +13,9 @@
 namespace nerf::internal {
 namespace {
 
-constexpr int kFilmFocal = 17;                                    // mm, of a film 35 mm wide
-constexpr int kLeastSide = 256;                                   // smaller ones hold no features
-constexpr double kAgree = 2 * std::numbers::pi / 180;             // between two cuts' rotations
+constexpr int kFilmFocal = 17;                                     // mm, of a film 35 mm wide
+constexpr int kLeastSide = 256;                                    // smaller ones hold no features
+constexpr double kAgree = 2 * std::numbers::pi / 180;              // between two cuts' rotations
 constexpr double kTurn = 2 * std::numbers::pi / kCutsPerPanorama;  // from cut to cut
 
 double angle_between(const Mat3d& a, const Mat3d& b) {
@@ -45,9 +45,8 @@ void sample(const Image8& image, const Vec2d& at, uint8_t* out) {
   const uint8_t *a = pixel(x0, y0), *b = pixel(x0 + 1, y0);
   const uint8_t *c = pixel(x0, y0 + 1), *d = pixel(x0 + 1, y0 + 1);
   for (int i = 0; i < image.channels; ++i)
-    out[i] = static_cast<uint8_t>(
-        std::lround(std::lerp(std::lerp(1.0 * a[i], 1.0 * b[i], fx),
-                              std::lerp(1.0 * c[i], 1.0 * d[i], fx), fy)));
+    out[i] = static_cast<uint8_t>(std::lround(std::lerp(
+        std::lerp(1.0 * a[i], 1.0 * b[i], fx), std::lerp(1.0 * c[i], 1.0 * d[i], fx), fy)));
 }
 
 }  // namespace

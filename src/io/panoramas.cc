@@ -129,8 +129,8 @@ fs::path cut_all(const fs::path& photos, const std::vector<std::string>& names,
     for (int k = 0; k < kCutsPerPanorama; ++k)
       write_cut(staged.path() / cut_name(i, k), cut_panorama(image, k, pool));
     if (progress)
-      progress(fmt::format("panoramas: cut {} of {} into {} perspective views", i + 1,
-                           names.size(), kCutsPerPanorama));
+      progress(fmt::format("panoramas: cut {} of {} into {} perspective views", i + 1, names.size(),
+                           kCutsPerPanorama));
   }
   staged.commit(key);
   return result;
@@ -182,9 +182,10 @@ SceneInput read_panoramas(const fs::path& photos, const std::vector<std::string>
                           const CaptureFolders& folders, const Progress& progress,
                           const Cancel* cancel) {
   if (progress)
-    progress(fmt::format("panoramas: {} photos of 360 x 180 degrees, whose cameras are found "
-                         "through perspective views cut from them",
-                         names.size()));
+    progress(
+        fmt::format("panoramas: {} photos of 360 x 180 degrees, whose cameras are found "
+                    "through perspective views cut from them",
+                    names.size()));
   const fs::path cuts = cut_all(photos, names, folders.work, progress, cancel);
   const std::string model(camera_model_name(CameraModel::kSimplePinhole));
   return panoramas_of_cuts(
@@ -231,8 +232,8 @@ SceneInput panoramas_of_cuts(SceneInput cuts, const fs::path& photos,
   take_points(cuts, panorama_of_cut, input);
   input.image_folder = photos;
   input.images_total = static_cast<int>(names.size());
-  input.format = fmt::format("panoramas by {} perspective views each, {}", kCutsPerPanorama,
-                             cuts.format);
+  input.format =
+      fmt::format("panoramas by {} perspective views each, {}", kCutsPerPanorama, cuts.format);
   return input;
 }
 

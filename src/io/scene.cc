@@ -7,9 +7,9 @@
 #include <map>
 #include <numeric>
 
+#include "cut_out.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
-#include "cut_out.h"
 #include "point_cloud.h"
 #include "scene_detect.h"
 #include "scene_frame.h"
@@ -121,10 +121,10 @@ void warn_of_no_points(const Scene& scene, SceneReport& report) {
       (scene.options.near && scene.options.far))
     return;
   report.warnings.push_back(
-      "there are no 3D points: where content begins and ends is guessed from the cameras (--near, "
-      "--far and --bbox set it; a COLMAP model's points or a point cloud as .ply beside the "
-      "capture "
-      "tell it)");
+      "there are no 3D points: where content begins and ends is guessed from the cameras, and "
+      "points "
+      "are looked for in the photos (a COLMAP model's points or a point cloud as .ply beside the "
+      "capture are better; --near, --far and --bbox set it)");
 }
 
 double mean_error(const std::vector<ScenePoint>& points) {
@@ -162,8 +162,8 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   report.notes = std::move(input.notes);
 
   internal::resolve_images(input, options.downscale, report, &scene.alpha);
-  scene.cut_out = internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale,
-                                            report);
+  scene.cut_out =
+      internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale, report);
   scene.alpha = scene.alpha || scene.cut_out;
   internal::add_points_from_files(input, scene.root, report);
   internal::drop_far_cameras(input, report);

@@ -11,6 +11,7 @@
 #include "paths.h"
 #include "phone_scans.h"
 #include "photo_conversion.h"
+#include "video_files.h"
 
 namespace nerf::internal {
 
@@ -28,7 +29,7 @@ constexpr int kMaxVideoFrames = 120;
 bool is_video_file(const fs::path& path) {
   static const std::set<std::string> kExtensions{".mp4",  ".mov", ".m4v", ".mkv", ".avi",
                                                  ".webm", ".mts", ".mpg", ".mpeg"};
-  return kExtensions.count(lower_extension(path)) > 0;
+  return kExtensions.count(lower_extension(path)) > 0 || is_spherical_video_file(path);
 }
 
 std::vector<fs::path> videos_in(const fs::path& folder) {
@@ -38,7 +39,9 @@ std::vector<fs::path> videos_in(const fs::path& folder) {
        it.increment(problem)) {
     if (is_file(it->path()) && is_video_file(it->path())) found.push_back(it->path());
   }
-  std::sort(found.begin(), found.end());
+  std::ranges::sort(found, {}, [](const fs::path& video) {
+    return std::pair(is_spherical_video_file(video), video);  // what cannot be read comes last
+  });
   return found;
 }
 

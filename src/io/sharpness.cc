@@ -2,12 +2,19 @@
 
 #include <algorithm>
 #include <charconv>
+#include <numeric>
 #include <string_view>
 
 #include "nerf/base/error.h"
 #include "scene_limits.h"
 
 namespace nerf::internal {
+
+namespace {
+
+constexpr double kShareOfMotion = 0.75;  // in where a window ends; the rest is of time
+
+}  // namespace
 
 double sharpness(std::span<const uint8_t> grey, int width, int height) {
   if (width < 3 || height < 3) return 0;
@@ -29,14 +36,27 @@ double sharpness(std::span<const uint8_t> grey, int width, int height) {
   return static_cast<double>(squares) / count - mean * mean;
 }
 
-std::vector<int> sharpest_of_windows(std::span<const double> scores, int max_frames) {
-  const auto count = static_cast<int64_t>(scores.size());
-  const int64_t windows = std::min<int64_t>(count, max_frames);
+std::vector<int> sharpest_of_windows(std::span<const double> scores,
+                                     std::span<const double> motions, int max_frames) {
+  NERF_CHECK_EQ(scores.size(), motions.size());
+  const auto count = static_cast<double>(scores.size());
+  const int windows = static_cast<int>(std::min<int64_t>(std::ssize(scores), max_frames));
+  const double moved = std::accumulate(motions.begin(), motions.end(), 0.0);
+  const double share = moved > 0 && std::ssize(scores) > windows ? kShareOfMotion : 0;
   std::vector<int> result;
-  for (int64_t w = 0; w < windows; ++w) {
-    const auto begin = scores.begin() + w * count / windows;
-    const auto end = scores.begin() + (w + 1) * count / windows;
-    result.push_back(static_cast<int>(std::max_element(begin, end) - scores.begin()));
+  double so_far = 0;
+  int window = -1;
+  for (size_t i = 0; i < scores.size(); ++i) {
+    // Where the frame's middle lies between the beginning of the film, 0, and its end, 1.
+    const double at = share * (moved > 0 ? (so_far + motions[i] / 2) / moved : 0) +
+                      (1 - share) * ((static_cast<double>(i) + 0.5) / count);
+    so_far += motions[i];
+    const int now = std::min(static_cast<int>(at * windows), windows - 1);
+    if (now > window)
+      result.push_back(static_cast<int>(i));
+    else if (scores[i] > scores[static_cast<size_t>(result.back())])
+      result.back() = static_cast<int>(i);
+    window = now;
   }
   return result;
 }
@@ -85,8 +105,9 @@ bool GreyStream::take_frame() {
   const size_t pixels = static_cast<size_t>(width_) * static_cast<size_t>(height_);
   const size_t first = static_cast<size_t>(line_end - pending_.begin()) + 1;
   if (pending_.size() - first < pixels) return false;
-  scores_.push_back(
-      sharpness(std::span<const uint8_t>(pending_).subspan(first, pixels), width_, height_));
+  const auto grey = std::span<const uint8_t>(pending_).subspan(first, pixels);
+  scores_.push_back(sharpness(grey, width_, height_));
+  motions_.push_back(motion_.add(grey, width_, height_));
   used_ = first + pixels;
   return true;
 }

@@ -9,6 +9,7 @@
 #include "paths.h"
 #include "sharpness.h"
 #include "staged_folder.h"
+#include "video_files.h"
 
 namespace nerf {
 namespace {
@@ -18,8 +19,9 @@ using Progress = std::function<void(const std::string&)>;
 
 constexpr size_t kFramesPerLine = 300;  // of progress
 
-std::vector<double> score_frames(const std::string& ffmpeg, const fs::path& video,
-                                 const Progress& progress, const Cancel* cancel) {
+// Of every frame how sharp it is, and how far the picture has moved since the one before.
+internal::GreyStream score_frames(const std::string& ffmpeg, const fs::path& video,
+                                  const Progress& progress, const Cancel* cancel) {
   internal::GreyStream stream;
   size_t told = 0;
   ProcessOptions options;
@@ -38,10 +40,58 @@ std::vector<double> score_frames(const std::string& ffmpeg, const fs::path& vide
                    "yuv4mpegpipe", "-strict", "-1", "-"},
                   options);
   // A film whose end is missing still has its frames.
-  if (!stream.scores().empty()) return stream.scores();
+  if (!stream.scores().empty()) return stream;
   throw Error("no frame can be read from the video" +
                   (result.last_lines.empty() ? "" : ": " + result.last_lines),
               video.string(), "check that it is a video that ffmpeg can play");
+}
+
+// ffmpeg reads some of them, and gives pictures that no lens model fits.
+void refuse_spherical_video(const fs::path& video) {
+  if (!internal::is_spherical_video_file(video)) return;
+  throw Error("this is a 360-degree camera's own file, which is not read", video.string(),
+              "export it with the camera's program, as a flat video (.mp4)");
+}
+
+// What ffprobe says of the video's colours; empty where it is missing or says nothing.
+std::string transfer_of(const fs::path& video, const Cancel* cancel) {
+  std::string transfer;
+  if (!find_program("ffprobe")) return transfer;
+  ProcessOptions options;
+  options.cancel = cancel;
+  options.on_line = [&](std::string_view line) {
+    if (transfer.empty()) transfer = line;
+  };
+  run_process({"ffprobe", "-v", "error", "-select_streams", "V:0", "-show_entries",
+               "stream=color_transfer", "-of", "default=nw=1:nk=1", video.string()},
+              options);
+  return transfer;
+}
+
+bool has_filter(const std::string& ffmpeg, const std::string& name) {
+  bool found = false;
+  ProcessOptions options;
+  options.on_line = [&](std::string_view line) {
+    if (line.find(fmt::format(" {} ", name)) != std::string_view::npos) found = true;
+  };
+  run_process({ffmpeg, "-hide_banner", "-filters"}, options);
+  return found;
+}
+
+// Filters that bring pictures of a high dynamic range (PQ or HLG, as phones record them) into that
+// of photos; empty where the video has none. Without them such frames are pale and grey.
+std::string tone_mapping(const std::string& ffmpeg, const fs::path& video, const Progress& progress,
+                         const Cancel* cancel) {
+  const std::string transfer = transfer_of(video, cancel);
+  if (transfer != "smpte2084" && transfer != "arib-std-b67") return "";
+  if (!has_filter(ffmpeg, "zscale") || !has_filter(ffmpeg, "tonemap")) {
+    if (progress)
+      progress("ffmpeg: the video is HDR, which this ffmpeg cannot map; frames will be pale");
+    return "";
+  }
+  if (progress) progress("ffmpeg: the video is HDR; its tones are mapped to those of photos");
+  return ",zscale=t=linear:npl=100,format=gbrpf32le,zscale=p=bt709,tonemap=hable:desat=0,"
+         "zscale=t=bt709:m=bt709:r=pc,format=yuvj420p";
 }
 
 void store_frames(const std::string& ffmpeg, const fs::path& video, const std::vector<int>& chosen,
@@ -51,6 +101,7 @@ void store_frames(const std::string& ffmpeg, const fs::path& video, const std::v
     filter += fmt::format("{}eq(n,{})", i == 0 ? "" : "+", chosen[i]);
   }
   filter += "'";
+  filter += tone_mapping(ffmpeg, video, progress, cancel);
   if (progress) progress(fmt::format("ffmpeg: storing the {} sharpest frames", chosen.size()));
   // In a file: a long list of frames would not fit on a command line.
   const fs::path script = folder.string() + ".filter";
@@ -81,6 +132,7 @@ void store_frames(const std::string& ffmpeg, const fs::path& video, const std::v
 
 fs::path extract_video_frames(const fs::path& video, const fs::path& work_folder, int max_frames,
                               const Progress& progress, const Cancel* cancel) {
+  refuse_spherical_video(video);
   if (max_frames < 1) throw Error("at least one frame is needed", video.string());
   std::error_code failed;
   const auto bytes = fs::file_size(video, failed);
@@ -100,8 +152,9 @@ fs::path extract_video_frames(const fs::path& video, const fs::path& work_folder
   if (progress) progress("ffmpeg: looking for the sharpest frames of " + video.string());
   // Absolute: ffmpeg would take "a:b.mp4" for a protocol and "-v.mp4" for an option.
   const fs::path source = fs::absolute(video);
-  const std::vector<double> scores = score_frames(ffmpeg, source, progress, cancel);
-  store_frames(ffmpeg, source, internal::sharpest_of_windows(scores, max_frames),
+  const internal::GreyStream stream = score_frames(ffmpeg, source, progress, cancel);
+  store_frames(ffmpeg, source,
+               internal::sharpest_of_windows(stream.scores(), stream.motions(), max_frames),
                fs::absolute(staged.path()), progress, cancel);
   staged.commit(key);
   return result;

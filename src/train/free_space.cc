@@ -170,7 +170,7 @@ struct Nearness {
 // Of views that see enough points to tell.
 std::vector<Nearness> nearness_of_views(const Scene& scene) {
   std::vector<Nearness> out;
-  if (!scene.unbounded) return out;
+  if (!scene.unbounded || scene.options.near) return out;  // --near says it of every photo
   std::vector<std::vector<double>> seen(scene.views.size());
   for (const Observation& o : scene.observations) {
     const size_t v = static_cast<size_t>(o.image);

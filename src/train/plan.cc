@@ -90,8 +90,7 @@ TrainingPlan TrainingPlan::changed(int64_t done, int64_t to, bool length_matters
     if (c.step < done) out.changes.list.push_back(c);
   const int64_t length = length_at(done - 1);
   // Whether a step that was done had, or would have had, another progress than at the beginning.
-  const bool matters =
-      length_matters || progress_at(done - 1) > 0 || out.progress_at(done - 1) > 0;
+  const bool matters = length_matters || progress_at(done - 1) > 0 || out.progress_at(done - 1) > 0;
   if (done > 0 && matters && done <= length && length != to)
     out.changes.list.push_back({done, length});
   return out;

@@ -115,8 +115,8 @@ class Run {
                              : 0;  // steps per second so far
     const int64_t steps =
         by_steps ? to.steps : static_cast<int64_t>(std::min(60 * to.minutes * speed, 1e12));
-    const bool is_longer = is_same_kind && !by_steps ? to.minutes > minutes_
-                                                     : steps > (plan_known() ? planned : done);
+    const bool is_longer =
+        is_same_kind && !by_steps ? to.minutes > minutes_ : steps > (plan_known() ? planned : done);
     const bool is_room = by_steps || 60 * to.minutes > result_.train_seconds;
     if (!is_longer || !is_room) throw not_longer(to);
     set_budget(to.minutes);
@@ -197,9 +197,7 @@ class Run {
     if (callbacks_.planned) callbacks_.planned(room.steps);
   }
 
-  void begin_measuring() {
-    measured_from_ = {trainer_.steps_done(), result_.train_seconds};
-  }
+  void begin_measuring() { measured_from_ = {trainer_.steps_done(), result_.train_seconds}; }
 
   void correct_when_due() {
     const int64_t done = trainer_.steps_done(), planned = trainer_.options().steps;

@@ -163,8 +163,7 @@ TEST(CameraOrbit, OneCameraOrAllAtTheFocusStillGiveACurve) {
     input.cameras.push_back({Mat3d{}, at});
     std::vector<std::string> notes;
     const PoseCurve orbit = make_orbit(input, notes);
-    for (int i = 0; i < 8; ++i)
-      EXPECT_LT(orthonormality_error(orbit.at(i / 8.0).rotation), 1e-12);
+    for (int i = 0; i < 8; ++i) EXPECT_LT(orthonormality_error(orbit.at(i / 8.0).rotation), 1e-12);
   }
 }
 

@@ -151,8 +151,7 @@ TEST_F(PathFormats, InstantNgpsKeysStandWhereItsCubeSaysSo) {
   expect_same(own.frames[0].camera_to_world, pose, 1e-6);
   write_text(folder_ / "transforms.json", R"({"aabb": [[-4, -4, -6], [6, 4, 6]]})");
   const double scale = 1.0 / 12;
-  const CameraPath aabb =
-      read("{\"path\": [" + key(pose, scale, {0.5 - scale, 0.5, 0.5}) + "]}");
+  const CameraPath aabb = read("{\"path\": [" + key(pose, scale, {0.5 - scale, 0.5, 0.5}) + "]}");
   expect_same(aabb.frames[0].camera_to_world, pose, 1e-6);
 }
 

@@ -76,9 +76,9 @@ TEST_F(CameraPathJson, PanoramasOfEveryKindThereAndBack) {
     PictureKind picture;
     double azimuths;
   };
-  for (const Case& c : {Case{"equirectangular", PictureKind::kEquirectangular, 2},
-                        Case{"omnidirectional", PictureKind::kOds, 2},
-                        Case{"vr180", PictureKind::kVr180, 1}}) {
+  for (const Case& c :
+       {Case{"equirectangular", PictureKind::kEquirectangular, 2},
+        Case{"omnidirectional", PictureKind::kOds, 2}, Case{"vr180", PictureKind::kVr180, 1}}) {
     std::string json = with("perspective", c.type);
     json.replace(json.find("\"fov\": 90"), 9, "\"fov\": null");  // which they have no use for
     CameraPath path = parse_camera_path(json, "flight.json", "flight");

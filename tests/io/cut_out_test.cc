@@ -106,8 +106,7 @@ TEST(CutOut, OrdinaryPhotosHaveNone) {
        [](int, int x, int y, int c) { return y < 40 ? 1.0f : texture(x, y, c); }},
       {"wall with the light of a window",
        [](int, int x, int, int) { return 0.85f + 0.001f * static_cast<float>(x); }},
-      {"noisy wall",
-       [&](int i, int x, int y, int) { return 0.8f + 0.02f * noise(x, y, i); }},
+      {"noisy wall", [&](int i, int x, int y, int) { return 0.8f + 0.02f * noise(x, y, i); }},
       {"wall whose exposure drifts",
        [](int i, int, int, int) { return 0.7f + 0.02f * static_cast<float>(i); }},
   };

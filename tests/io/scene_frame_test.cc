@@ -81,10 +81,9 @@ TEST(EstimateUp, ParallelCamerasKeepTheirOwnUp) {
     poses.push_back(p);
   }
   std::vector<std::string> warnings;
-  EXPECT_LT(
-      angle(estimate_up(views_of(rotated(poses, tilted())), {}, warnings).up,
-            tilted() * Vec3d{0, 0, 1}),
-      0.1 * kDegree);
+  EXPECT_LT(angle(estimate_up(views_of(rotated(poses, tilted())), {}, warnings).up,
+                  tilted() * Vec3d{0, 0, 1}),
+            0.1 * kDegree);
 }
 
 TEST(EstimateUp, APlanarRingCorrectsRoll) {
@@ -118,10 +117,9 @@ TEST(EstimateUp, LookingDownFromTheAir) {
     to_and_fro.push_back(look_at(eye, eye - Vec3d{0.01, 0.02, 1}, {0, i / 6 % 2 ? 1.0 : -1.0, 0}));
   }
   std::vector<std::string> warnings;
-  EXPECT_LT(
-      angle(estimate_up(views_of(rotated(turning, tilted())), {}, warnings).up,
-            tilted() * Vec3d{0, 0, 1}),
-      5 * kDegree);
+  EXPECT_LT(angle(estimate_up(views_of(rotated(turning, tilted())), {}, warnings).up,
+                  tilted() * Vec3d{0, 0, 1}),
+            5 * kDegree);
   EXPECT_LT(angle(estimate_up(views_of(to_and_fro), {}, warnings).up, {0, 0, 1}), 5 * kDegree);
   EXPECT_TRUE(warnings.empty());
 }

@@ -1,7 +1,6 @@
 // Up of captures whose photos lie on their sides, and what the points say of it.
-#include <gtest/gtest.h>
-
 #include <OpenImageIO/imageio.h>
+#include <gtest/gtest.h>
 
 #include "io/scene_frame.h"
 #include "nerf/math/random.h"
@@ -153,8 +152,9 @@ TEST(SceneUp, TheTagIsReadFromTheFile) {
   TempFolder folder;
   for (const int orientation : {1, 6, 8}) {
     const auto file = folder / fmt::format("o{}.jpg", orientation);
-    make_image(file, {16, 12, 3, OIIO::TypeDesc::UINT8,
-                      [&](OIIO::ImageSpec& spec) { spec.attribute("Orientation", orientation); }},
+    make_image(file,
+               {16, 12, 3, OIIO::TypeDesc::UINT8,
+                [&](OIIO::ImageSpec& spec) { spec.attribute("Orientation", orientation); }},
                texture);
     EXPECT_EQ(read_image_info(file).orientation, orientation);
   }

@@ -1,6 +1,7 @@
 // Films out and in, with the installed ffmpeg.
 #include "nerf/io/video.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -134,6 +135,72 @@ TEST_F(Video, SharpestFrameOfEveryWindowIsExtracted) {
   EXPECT_EQ(fs::last_write_time(out / "frame_000001.jpg"), time);
   extract_video_frames(film, work, 100, progress);
   EXPECT_EQ(std::distance(fs::directory_iterator(out), fs::directory_iterator()), 25);
+}
+
+// A phone held upright writes lying pictures and a note that they are to be turned.
+TEST_F(Video, FramesOfATurnedVideoStandUpright) {
+  frames(3);
+  const fs::path lying = folder_ / "lying.mp4", turned = folder_ / "turned.mov";
+  run_process_or_throw({"ffmpeg", "-v", "error", "-i", (folder_ / "view %d.png").string(), "-vf",
+                        "scale=64:48", "-c:v", "libx264", "-pix_fmt", "yuv420p", lying.string()});
+  run_process_or_throw({"ffmpeg", "-v", "error", "-i", lying.string(), "-c", "copy",
+                        "-metadata:s:v:0", "rotate=90", turned.string()});
+  const fs::path out = extract_video_frames(turned, folder_ / "work", 3, {});
+  const ImageInfo info = read_image_info(out / "frame_000001.jpg");
+  EXPECT_EQ(info.width, 48);
+  EXPECT_EQ(info.height, 64);
+}
+
+TEST_F(Video, TonesOfHdrAreMapped) {
+  const fs::path film = folder_ / "hdr.mkv";
+  // 0.49 in PQ are 92 nits, of 100 for a photo's white: 125 when taken as it is.
+  run_process_or_throw({"ffmpeg",
+                        "-v",
+                        "error",
+                        "-f",
+                        "lavfi",
+                        "-i",
+                        "color=c=0x7d7d7d:s=64x48:d=0.2:r=10",
+                        "-pix_fmt",
+                        "yuv420p10le",
+                        "-c:v",
+                        "ffv1",
+                        "-color_trc",
+                        "smpte2084",
+                        "-color_primaries",
+                        "bt2020",
+                        "-colorspace",
+                        "bt2020nc",
+                        "-color_range",
+                        "tv",
+                        film.string()});
+  std::vector<std::string> lines;
+  const fs::path out = extract_video_frames(
+      film, folder_ / "work", 1, [&](const std::string& line) { lines.push_back(line); });
+  EXPECT_TRUE(std::ranges::any_of(
+      lines, [](const std::string& line) { return contains(line, "the video is HDR"); }));
+  const Image8 image = read_image_8bit(out / "frame_000001.jpg");
+  EXPECT_GT(image.pixels[0], 135);
+  EXPECT_LT(image.pixels[0], 240);
+}
+
+// The frames' times are no matter.
+TEST_F(Video, EveryFrameOfAVariableRateCounts) {
+  frames(12);
+  const fs::path film = folder_ / "variable.webm";
+  run_process_or_throw({"ffmpeg", "-v", "error", "-i", (folder_ / "view %d.png").string(), "-vf",
+                        "setpts='if(lt(N,6),N,N*5)/25/TB'", "-vsync", "vfr", "-c:v", "libvpx",
+                        film.string()});
+  const fs::path out = extract_video_frames(film, folder_ / "work", 100, {});
+  EXPECT_EQ(std::distance(fs::directory_iterator(out), fs::directory_iterator()), 12);
+}
+
+TEST_F(Video, FilesOf360CamerasAreRefusedClearly) {
+  const fs::path film = folder_ / "VID_0001.insv";
+  write_file_atomically(film, "x");
+  const std::string error = error_of([&] { extract_video_frames(film, folder_ / "work", 5, {}); });
+  EXPECT_TRUE(contains(error, "360-degree camera's own file"));
+  EXPECT_TRUE(contains(error, "export it"));
 }
 
 TEST_F(Video, WhatIsNoVideoIsAnErrorAndLeavesNothing) {

@@ -14,8 +14,8 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 
 void expect_same(const Vec3d& a, const Vec3d& b, double tolerance = 1e-12) {
-  EXPECT_LT(length(a - b), tolerance) << a.x << ' ' << a.y << ' ' << a.z << " is not " << b.x << ' '
-                                      << b.y << ' ' << b.z;
+  EXPECT_LT(length(a - b), tolerance)
+      << a.x << ' ' << a.y << ' ' << a.z << " is not " << b.x << ' ' << b.y << ' ' << b.z;
 }
 
 // Axes right, up, backward to right, down, forward.
@@ -73,8 +73,7 @@ TEST(Panorama, AgreesWithNerfstudio) {
 TEST(Panorama, PixelsCoverTheSphere) {
   const Camera c = panorama(128, 64);
   double area = 0;
-  for (int y = 0; y < 64; ++y)
-    area += 128 * relative_solid_angle(c, y + 0.5) / (c.fx() * c.fy());
+  for (int y = 0; y < 64; ++y) area += 128 * relative_solid_angle(c, y + 0.5) / (c.fx() * c.fy());
   EXPECT_NEAR(area, 4 * kPi, 4 * kPi * kPi * kPi / (24 * 64 * 64) * 1.1);  // the midpoint rule's
   EXPECT_EQ(relative_solid_angle(c, 32), 1);
   EXPECT_EQ(relative_solid_angle(Camera{CameraModel::kPinhole, 4, 4, {4, 4, 2, 2}}, 0), 1);
@@ -118,8 +117,7 @@ TEST(Panorama, EyesOfStereoStandAtRightAnglesToTheirRays) {
       EXPECT_NEAR(length(offset), kHalf, 1e-12);
       EXPECT_NEAR(dot(offset, pose.rotation * *unproject(c, pixel)), 0, 1e-12);
     }
-    expect_same(ray_pose(c.in_unit(4), pose, {32, 16}).translation,
-                pose * Vec3d{4 * eye, 0, 0});
+    expect_same(ray_pose(c.in_unit(4), pose, {32, 16}).translation, pose * Vec3d{4 * eye, 0, 0});
   }
   const Camera mono = panorama(64, 32);
   EXPECT_EQ(ray_pose(mono, pose, {3, 4}).translation, pose.translation);

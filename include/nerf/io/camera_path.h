@@ -41,7 +41,7 @@ struct CameraPath {
   std::vector<PathFrame> frames;
   PictureKind picture = PictureKind::kPerspective;  // else cameras are panoramas, of one eye
   double fps = 30;
-  bool own_lenses = false;  // cameras are those of photos, to be resized with their lenses
+  bool own_lenses = false;         // cameras are those of photos, to be resized with their lenses
   std::vector<std::string> notes;  // for the user: fallbacks taken, things in a file not used
 };
 

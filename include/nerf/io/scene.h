@@ -49,14 +49,14 @@ enum class Split {
 struct SceneOptions {
   SceneFormat format = SceneFormat::kAuto;
   Split split = Split::kTest;
-  int downscale = 1;                           // photos divided by this, area average
-  std::optional<Box3> bbox;                    // input coordinates; what to reconstruct
-  std::optional<Vec3d> up;                     // input coordinates; overrides the estimate
-  std::optional<double> near, far;             // input units; override the estimates
-  std::string camera_model = "SIMPLE_RADIAL";  // for photos without a model
-  CutOut cut_out;                              // of photos without alpha
-  std::filesystem::path work_folder;           // where photos and video put frames and the model
-  std::filesystem::path run_folder;            // pictures below it are no photos; empty: none
+  int downscale = 1;                  // photos divided by this, area average
+  std::optional<Box3> bbox;           // input coordinates; what to reconstruct
+  std::optional<Vec3d> up;            // input coordinates; overrides the estimate
+  std::optional<double> near, far;    // input units; override the estimates
+  std::string camera_model = "auto";  // for photos without a model (capture_tools.h)
+  CutOut cut_out;                     // of photos without alpha
+  std::filesystem::path work_folder;  // where photos and video put frames and the model
+  std::filesystem::path run_folder;   // pictures below it are no photos; empty: none
 };
 
 // What a person wants to know before training starts.

@@ -85,10 +85,11 @@ inline constexpr int kMostFailures = 3;
 
 // Trains until the plan is fulfilled or `cancel` is requested. With a `checkpoint` path it saves
 // there at intervals, at the end and on cancel; with `resume` it begins with what was saved there,
-// plan and clock included, and throws Error where RunOptions::extend is not longer. A step with a loss or gradient that is not finite goes back to the last
-// checkpoint of this run (else to the start); a scene that stays empty though the photos are not,
-// to the start; each time with another salt for every random number and half the rate. Throws Error
-// with the reason after kMostFailures of those, and what saving throws.
+// plan and clock included, and throws Error where RunOptions::extend is not longer. A step with a
+// loss or gradient that is not finite goes back to the last checkpoint of this run (else to the
+// start); a scene that stays empty though the photos are not, to the start; each time with another
+// salt for every random number and half the rate. Throws Error with the reason after kMostFailures
+// of those, and what saving throws.
 RunResult run_training(Trainer& trainer, const RunOptions& options, const RunCallbacks& callbacks,
                        const std::filesystem::path& checkpoint = {}, bool resume = false,
                        const Cancel* cancel = nullptr);

@@ -1,0 +1,134 @@
+#include "io/cameras/mapping_stage.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "io/colmap.h"
+#include "io/paths.h"
+#include "nerf/base/error.h"
+#include "nerf/base/file.h"
+#include "nerf/base/threads.h"
+
+namespace nerf::internal {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// From here on the global mapper, where colmap has one: its time grows with the photos, that of the
+// other with more than their square root on top.
+constexpr int64_t kManyPhotos = 400;
+// The incremental mapper's time grows with about this power of the number of photos.
+constexpr double kMappingPower = 1.5;
+
+// Below `folder`, the one with the most photos first.
+std::vector<MappedModel> models_in(const fs::path& folder) {
+  std::vector<MappedModel> models;
+  std::error_code ignored;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
+    const auto photos = static_cast<int64_t>(colmap_image_count(entry.path()));
+    if (is_folder(entry.path()) && photos > 0) models.push_back({entry.path(), photos});
+  }
+  std::ranges::sort(models, [](const MappedModel& a, const MappedModel& b) {
+    return a.photos != b.photos ? a.photos > b.photos : a.folder < b.folder;
+  });
+  return models;
+}
+
+void clear_folder(const fs::path& folder) {
+  std::error_code failed;
+  fs::remove_all(folder, failed);
+  if (failed) throw errno_error(failed.value(), "cannot remove", folder);
+  make_writable_folder(folder);
+}
+
+ColmapProgram::Settings mapper_settings(int64_t count, bool eager) {
+  ColmapProgram::Settings settings{
+      {"num_threads", std::to_string(available_processors())},
+      {"min_model_size", std::to_string(std::clamp<int64_t>(count / 2, 2, 10))},
+      // Stops the adjustment where it no longer changes anything: half of the time.
+      {"ba_global_function_tolerance", "1e-6"},
+      // Photos and points grow by so much between two adjustments of everything.
+      {"ba_global_images_ratio", "1.2"},
+      {"ba_global_frames_ratio", "1.2"},
+      {"ba_global_points_ratio", "1.2"}};
+  if (eager) {
+    settings.insert(settings.end(), {{"init_min_num_inliers", "50"},
+                                     {"init_min_tri_angle", "8"},
+                                     {"abs_pose_min_num_inliers", "15"},
+                                     {"abs_pose_min_inlier_ratio", "0.15"},
+                                     {"filter_min_tri_angle", "1"}});
+  }
+  return settings;
+}
+
+// The model that holds both, where colmap finds enough photos that they share; else none.
+MappedModel merged(const ColmapProgram& colmap, const MappedModel& a, const MappedModel& b,
+                   const fs::path& folder) {
+  try {
+    make_writable_folder(folder / "joined");
+    colmap.run("model_merger",
+               {"--input_path1", a.folder.string(), "--input_path2", b.folder.string(),
+                "--output_path", (folder / "joined").string()},
+               {}, [](std::string_view) {});
+    if (static_cast<int64_t>(colmap_image_count(folder / "joined")) <= a.photos) return {};
+    make_writable_folder(folder / "adjusted");
+    colmap.run("bundle_adjuster",
+               {"--input_path", (folder / "joined").string(), "--output_path",
+                (folder / "adjusted").string()},
+               {}, [](std::string_view) {});
+  } catch (const Error&) {
+    return {};  // they do not join
+  }
+  return {folder / "adjusted", static_cast<int64_t>(colmap_image_count(folder / "adjusted"))};
+}
+
+// Joins what can be joined with the largest.
+MappedModel largest_of(const ColmapProgram& colmap, std::vector<MappedModel> models,
+                       const fs::path& folder, const Tell& tell) {
+  if (models.empty()) return {};
+  MappedModel best = models.front();
+  for (size_t i = 1; i < models.size(); ++i) {
+    const MappedModel joined = merged(colmap, best, models[i], folder / fmt::format("join_{}", i));
+    if (joined.photos > best.photos) {
+      if (tell)
+        tell(fmt::format("colmap: joined parts of {} and {} photos to one of {}", best.photos,
+                         models[i].photos, joined.photos));
+      best = joined;
+    } else if (tell) {
+      tell(
+          fmt::format("colmap: a part of {} photos does not join the largest, of {}, and is left "
+                      "out; photos that show both would help",
+                      models[i].photos, best.photos));
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
+                       const fs::path& database, const fs::path& folder, bool eager,
+                       const Tell& tell) {
+  const auto count = static_cast<int64_t>(photos.photos.size());
+  const bool global = count >= kManyPhotos && !eager && colmap.has_command("global_mapper");
+  clear_folder(folder);
+  StageProgress progress(tell, "colmap: placed", "photos", count, 0, kMappingPower);
+  int64_t most = 0;  // of all models so far
+  colmap.run(global ? "global_mapper" : "mapper",
+             {"--database_path", database.string(), "--image_path", photos.folder.string(),
+              "--output_path", folder.string()},
+             mapper_settings(count, eager), [&](std::string_view line) {
+               // "Registering image #7 (12)"; newer versions add more behind the 12
+               const std::string_view placed =
+                   between(between(line, "Registering image #", "\n"), "(", ")");
+               if (placed.empty()) return;
+               most = std::max(most, leading_number(placed));
+               progress.update(std::min(most, count));
+             });
+  return largest_of(colmap, models_in(folder), folder, tell);
+}
+
+}  // namespace nerf::internal

@@ -1,0 +1,27 @@
+// Last stage: cameras from matches, through colmap's mapper.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include "io/cameras/capture_photos.h"
+#include "io/cameras/colmap_program.h"
+#include "io/cameras/stage_progress.h"
+
+namespace nerf::internal {
+
+// A model as colmap wrote it, and how many photos it places.
+struct MappedModel {
+  std::filesystem::path folder;  // empty: none
+  int64_t photos = 0;
+};
+
+// `eager`: weaker pairs of photos will do, where nothing was found with COLMAP's own thresholds.
+// Models go to folders below `folder`, which is emptied first; where there are several that do not
+// join, the largest counts, and a line says what it leaves out.
+MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
+                       const std::filesystem::path& database, const std::filesystem::path& folder,
+                       bool eager, const Tell& tell);
+
+}  // namespace nerf::internal

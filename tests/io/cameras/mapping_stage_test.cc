@@ -1,0 +1,67 @@
+// Which mapper of colmap places the photos.
+#include "io/cameras/mapping_stage.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+
+#include "nerf/base/file.h"
+#include "support/temp_folder.h"
+
+namespace nerf::internal {
+namespace {
+
+namespace fs = std::filesystem;
+using test::TempFolder;
+
+// Notes its command and knows those of $STANDIN_COMMANDS.
+constexpr const char* kStandIn = R"sh(#!/bin/sh
+if [ "$1" = help ]; then
+  echo Commands:
+  for command in $STANDIN_COMMANDS; do echo "    $command"; done
+  exit 0
+fi
+[ "$2" = -h ] || echo "$1" >> "$STANDIN_LOG"
+)sh";
+
+class MappingStage : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    fs::create_directory(folder_ / "bin");
+    std::ofstream(folder_ / "bin" / "colmap") << kStandIn;
+    fs::permissions(folder_ / "bin" / "colmap", fs::perms{0755});
+    path_ = ::getenv("PATH");
+    ::setenv("PATH", ((folder_ / "bin").string() + ":" + path_).c_str(), 1);
+    ::setenv("STANDIN_LOG", (folder_ / "log").c_str(), 1);
+  }
+  void TearDown() override {
+    ::setenv("PATH", path_.c_str(), 1);
+    ::unsetenv("STANDIN_LOG");
+    ::unsetenv("STANDIN_COMMANDS");
+  }
+  std::string mapper_for(size_t photos, const char* commands, bool eager = false) {
+    ::setenv("STANDIN_COMMANDS", commands, 1);
+    std::error_code ignored;
+    fs::remove(folder_ / "log", ignored);
+    const CapturePhotos capture{folder_.path(), std::vector<CapturePhoto>(photos)};
+    const MappedModel model = map_photos(ColmapProgram(nullptr), capture, folder_ / "database.db",
+                                         folder_ / "sparse", eager, {});
+    EXPECT_EQ(model.photos, 0);  // it writes none
+    return read_text_file(folder_ / "log");
+  }
+
+  TempFolder folder_;
+  std::string path_;
+};
+
+TEST_F(MappingStage, ManyPhotosGoToTheGlobalMapperWhereThereIsOne) {
+  EXPECT_EQ(mapper_for(500, "mapper global_mapper"), "global_mapper\n");
+  EXPECT_EQ(mapper_for(500, "mapper"), "mapper\n");
+  EXPECT_EQ(mapper_for(500, "mapper hierarchical_global_mapper global_mapper_2"), "mapper\n");
+  EXPECT_EQ(mapper_for(50, "mapper global_mapper"), "mapper\n");
+  EXPECT_EQ(mapper_for(500, "mapper global_mapper", true), "mapper\n");
+}
+
+}  // namespace
+}  // namespace nerf::internal
