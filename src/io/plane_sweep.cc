@@ -290,6 +290,7 @@ void set_near_far(std::vector<double> distances, Scene& scene) {
   if (!scene.options.near)
     scene.near = std::clamp(0.5 * quantile(0.001), 1e-3 * middle, 0.5 * middle);
   if (!scene.options.far) scene.far = std::max(kFarthest, 2 * quantile(0.999));
+  if (!scene.options.near) scene.near = std::min(scene.near, 0.5 * scene.far);
 }
 
 }  // namespace
