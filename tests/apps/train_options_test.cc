@@ -94,6 +94,27 @@ TEST(TrainOptionsText, ADefaultOfMinutesIsAPlanOfMinutes) {
   EXPECT_FALSE(apps::with_preset(command, {}).minutes);
 }
 
+TEST(TrainOptionsText, NearAndFarOfTheCaptureGoBeforeAMethodsOwn) {
+  apps::TrainCommand command;
+  command.train.method = "mipnerf360";
+  command.train.steps = 100;
+  const NetworkRecipe usual = apps::with_preset(command, {"steps"}).train.recipe;
+  EXPECT_GT(usual.near, 0);
+  command.near = 0.5;
+  NetworkRecipe recipe = apps::with_preset(command, {"steps", "near"}).train.recipe;
+  EXPECT_EQ(recipe.near, 0);  // the scene's
+  EXPECT_EQ(recipe.far, usual.far);
+  command.far = 9;
+  EXPECT_EQ(apps::with_preset(command, {"steps", "near", "far"}).train.recipe.far, 0);
+  command.train.recipe.near = 0.1;
+  recipe = apps::with_preset(command, {"steps", "near", "recipe.near"}).train.recipe;
+  EXPECT_EQ(recipe.near, 0.1);
+  EXPECT_EQ(command.scene_options().near, 0.5);
+  EXPECT_EQ(command.scene_options().far, 9);
+  EXPECT_EQ(apps::unused_options({}, {"far"}, {}),
+            std::vector<std::string>{"--far is not used: the scene ends with its box (--bbox)"});
+}
+
 // The help marks them, and a warning names them.
 TEST(TrainOptionsText, WhatTheGridAloneReadsIsNotUsedByAPapersMethod) {
   Scene cut_out;
