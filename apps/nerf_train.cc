@@ -300,7 +300,11 @@ int train_main(int argc, char** argv) {
     log_warning(warning);
   PhotoSet photos = decode(scene, pool, stop);
   if (const int added = add_swept_points(scene, photos, pool); added > 0)
-    log_info(fmt::format("the capture has no points: {} were found in the photos", added));
+    log_info(
+        fmt::format("the capture does not say which photos see which points: {} were found in the "
+                    "photos; near, "
+                    "far {:.4g}, {:.4g}",
+                    added, scene.near / scene.to_engine.scale, scene.far / scene.to_engine.scale));
   add_photo_scales(scene, photos, command.scales, learns_from_reduced_photos(command.train), pool);
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();

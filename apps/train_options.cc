@@ -38,7 +38,8 @@ constexpr std::array kOfTheGrid = {"batch_samples",
                                    "occupancy_threshold",
                                    "every_row",
                                    "keep_unseen",
-                                   "keep_transparent"};
+                                   "keep_transparent",
+                                   "keep_free"};
 
 // Whether the method reads the training option of that name.
 bool is_read(const std::string& name, bool grid) {
@@ -150,6 +151,8 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   const bool grid = command.train.method == kGridMethod;
   if (grid && given.contains("keep_transparent") && !scene.alpha)
     out.push_back("--keep-transparent is not used: the photos have no alpha");
+  if (grid && given.contains("keep_free") && !scene.unbounded)
+    out.push_back("--keep-free is not used: the scene ends with its box");
   if (!grid && command.train.network.sampling.resampling != Resampling::kProposal &&
       (given.contains("recipe.anneal") || given.contains("recipe.anneal_steps")))
     out.push_back(

@@ -107,8 +107,10 @@ CameraPath read_transforms_path(const PathSource& source) {
     view.camera_to_world = opengl_pose(*matrix, frame.where + ".transform_matrix");
     view.camera = usual;
     bool lens = false;
-    for (const char* key : {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"})
+    for (const char* key : {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"})
       lens |= frame.find(key) != nullptr;
+    const std::string model = frame.text("camera_model");
+    lens |= model == "EQUIRECTANGULAR" || model == "SPHERICAL" || frame.flag("latlong");
     if (lens) {
       FrameSize size = frame_size(frame);
       if (size.width == 0) size = {usual.width, usual.height};

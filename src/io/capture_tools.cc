@@ -91,6 +91,16 @@ MappedModel place_photos(const ColmapProgram& colmap, const CapturePhotos& photo
   return best;
 }
 
+// What a run that was stopped goes on from is in its databases. Where none was begun nothing stays.
+void remove_what_is_no_use(const fs::path& work_folder) {
+  std::error_code ignored;
+  for (fs::recursive_directory_iterator it(work_folder / "cameras", ignored), end;
+       !ignored && it != end; it.increment(ignored))
+    if (it->path().filename() == "database.db") return;
+  fs::remove_all(work_folder / "cameras", ignored);
+  fs::remove(work_folder, ignored);  // where it is empty
+}
+
 void link_or_copy(const fs::path& photos, const fs::path& link) {
   std::error_code failed;
   fs::create_directory_symlink(fs::weakly_canonical(photos), link, failed);
@@ -128,8 +138,13 @@ fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& fold
     progress(fmt::format("colmap: finding the cameras of {} photos, camera model {}",
                          photos.photos.size(), camera_model));
   }
-  const MappedModel model =
-      place_photos(colmap, photos, work_folder, camera_model, progress, cancel);
+  MappedModel model;
+  try {
+    model = place_photos(colmap, photos, work_folder, camera_model, progress, cancel);
+  } catch (...) {
+    remove_what_is_no_use(work_folder);
+    throw;
+  }
   const auto clear = [&] {  // large, and the model says it all
     std::error_code ignored;
     fs::remove_all(work_folder / "cameras", ignored);

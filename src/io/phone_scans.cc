@@ -89,6 +89,8 @@ PhoneScan read_record3d(const fs::path& root) {
   const fs::path file = root / "metadata.json";
   PhoneScan scan{"Record3D", file, json::object()};
   const json metadata = read_lenient_json(file);
+  if (!metadata.is_object())
+    throw Error("is not an object", file.string(), "it is not the metadata that Record3D writes");
   const std::vector<double> k = numbers(metadata.value("K", json()), 9, "\"K\"", file);
   const json poses = metadata.value("poses", json::array());
   std::vector<std::string> images = list_images(root / "rgb");

@@ -215,7 +215,7 @@ class Sweep {
   float winner(size_t i) const {
     const float* s = scores_.data() + i * kPlanes;
     const int p = static_cast<int>(std::max_element(s, s + kPlanes) - s);
-    // The nearest plane of all may hide a better one before it, the last is infinity.
+    // The first plane is infinity; the last may hide a better one before it.
     if (!(s[p] > kLeastScore) || p == 0 || p == kPlanes - 1) return -1;
     for (int q = 0; q < kPlanes; ++q)
       if (std::abs(q - p) > 3 && s[q] > s[p] - kLeastLead) return -1;
@@ -289,17 +289,36 @@ void set_near_far(std::vector<double> distances, Scene& scene) {
   const double middle = quantile(0.5);
   if (!scene.options.near)
     scene.near = std::clamp(0.5 * quantile(0.001), 1e-3 * middle, 0.5 * middle);
-  if (!scene.options.far) scene.far = std::max(kFarthest, 2 * quantile(0.999));
+  if (!scene.options.far) scene.far = std::max({kFarthest, 2 * quantile(0.999), 2 * scene.near});
   if (!scene.options.near) scene.near = std::min(scene.near, 0.5 * scene.far);
+}
+
+// Of the points those that some photo is said to see.
+int points_seen(const Scene& scene) {
+  std::vector<uint8_t> seen(scene.points.size());
+  for (const Observation& o : scene.observations) seen[static_cast<size_t>(o.point)] = 1;
+  return static_cast<int>(std::count(seen.begin(), seen.end(), uint8_t{1}));
+}
+
+// A sweep sees 50 degrees to each side: of a lens that sees more it would take for empty what it
+// did not look at.
+bool is_narrow(const Camera& camera) {
+  const auto edge = unproject(camera, {0, 0.5 * camera.height});
+  return !is_panorama(camera) && edge && edge->z > 0 && std::abs(edge->x) < 1.19 * edge->z;
 }
 
 }  // namespace
 
 int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool) {
-  if (scene.alpha || static_cast<int>(scene.observations.size()) >= kFewPoints) return 0;
+  if (scene.alpha || points_seen(scene) >= kFewPoints) return 0;
+  // Where nobody says who sees the points they still say where content begins.
+  const bool has_near = static_cast<int>(scene.points.size()) >= kFewPoints ||
+                        scene.options.format == SceneFormat::kLlff;
   std::vector<int> views;
   for (const int v : scene.train)
-    if (scene.views[static_cast<size_t>(v)].scale == 1) views.push_back(v);
+    if (scene.views[static_cast<size_t>(v)].scale == 1 &&
+        is_narrow(photos.cameras[static_cast<size_t>(v)]))
+      views.push_back(v);
   if (views.size() < 2) return 0;
   const size_t taken = std::min(kMostViews, views.size());
   for (size_t i = 0; i < taken; ++i) views[i] = views[i * views.size() / taken];
@@ -311,10 +330,13 @@ int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool) {
     images[static_cast<size_t>(i)] = internal::make_sweep_image(
         photos.photos[v], photos.cameras[v], scene.to_engine.apply(scene.views[v].pose), kLongest);
   });
-  // A tenth of the way to what the photos show: nobody holds a camera closer.
-  double usual = 1e300;
-  for (const SweepImage& image : images) usual = std::min(usual, usual_distance(image.to_engine));
-  const double nearest = 0.1 * usual, step = 1 / nearest / (kPlanes - 1);
+  // A tenth of the way to what the photos show, but for a few that were taken close up: nobody
+  // holds a camera closer.
+  std::vector<double> usual;
+  for (const SweepImage& image : images) usual.push_back(usual_distance(image.to_engine));
+  const auto low = usual.begin() + static_cast<std::ptrdiff_t>(taken / 5);
+  std::nth_element(usual.begin(), low, usual.end());
+  const double nearest = 0.1 * *low, step = 1 / nearest / (kPlanes - 1);
   std::vector<std::vector<float>> depths(taken);
   std::vector<std::vector<size_t>> others(taken);
   pool.parallel_for(static_cast<int64_t>(taken), [&](int64_t i) {
@@ -335,7 +357,8 @@ int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool) {
       }
       ++added;
     }
-  if (added >= kFewPoints && scene.unbounded) set_near_far(std::move(distances), scene);
+  if (added >= kFewPoints && scene.unbounded && !has_near)
+    set_near_far(std::move(distances), scene);
   return added;
 }
 

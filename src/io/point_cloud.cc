@@ -87,7 +87,8 @@ void add_points_from_files(SceneInput& input, const fs::path& root, SceneReport&
       report.warnings.push_back(
           fmt::format("the points' file {} does not exist", printable(path.string())));
   }
-  for (const fs::path& path : point_files_in(root)) {
+  // Beside rendered pictures such files hold random points that splatting began with.
+  for (const fs::path& path : input.blender ? std::vector<fs::path>() : point_files_in(root)) {
     const bool again = std::any_of(candidates.begin(), candidates.end(), [&](const Candidate& c) {
       return c.path.lexically_normal() == path;
     });

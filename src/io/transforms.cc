@@ -148,7 +148,10 @@ class TransformsReader {
     view.pose = frame_pose(own);
     view.time = own.number("time").value_or(0);
     const std::string mask = own.text("mask_path");
-    if (!mask.empty()) view.mask_path = root / mask;
+    if (!mask.empty()) {
+      const FoundImage found = find_images(root, {mask}).front();
+      view.mask_path = found.path.empty() ? root / mask : found.path;
+    }
     view.camera = camera(frame, view);
     input_.views.push_back(std::move(view));
     input_.is_test.push_back(test);

@@ -5,6 +5,8 @@
 #include <atomic>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
+#include <map>
 
 namespace nerf {
 
@@ -135,7 +137,7 @@ class CellSet {
 std::vector<uint8_t> cells_with_points(const Scene& scene, const OccupancyGrid& grid) {
   std::vector<uint8_t> out(static_cast<size_t>(grid.cascades() * grid.cells()));
   for (const ScenePoint& point : scene.points) {
-    if (point.views < 2) continue;
+    if (point.views == 1) continue;  // 0: a point cloud, of which nobody says who sees it
     const Vec3 p = scene.to_engine.apply(point.position).cast<Real>();
     const int cascade = grid.cascade_of(p);
     if (cascade >= grid.cascades()) continue;
@@ -180,7 +182,7 @@ std::vector<Nearness> nearness_of_views(const Scene& scene) {
   // What a photo shows but was not recognised in it, others tell.
   std::vector<Vec3d> points;
   for (const ScenePoint& p : scene.points)
-    if (p.views >= kSureViews) points.push_back(p.position);
+    if (p.views == 0 || p.views >= kSureViews) points.push_back(p.position);
   const size_t every = std::max<size_t>(1, points.size() / kMostPoints);
   std::vector<double> in_picture, around;
   for (size_t v = 0; v < seen.size(); ++v) {
@@ -209,6 +211,15 @@ std::vector<double> near_of_views(const Scene& scene) {
   std::vector<double> near(scene.views.size(), scene.near);
   for (const Nearness& n : nearness_of_views(scene))
     near[n.view] = std::max(near[n.view], n.in_picture);
+  // A photo at another scale stands behind the one that points were seen in.
+  std::map<std::filesystem::path, double> of_file;
+  for (size_t v = 0; v < near.size(); ++v) {
+    const View& view = scene.views[v];
+    if (view.scale == 1)
+      of_file.try_emplace(view.image_path, near[v]);
+    else if (const auto it = of_file.find(view.image_path); it != of_file.end())
+      near[v] = it->second;
+  }
   return near;
 }
 

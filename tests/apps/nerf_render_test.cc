@@ -245,7 +245,8 @@ TEST_F(NerfRender, UnwritableOutput) {
   refused({run_, "-o", "/proc/nerf"}, {"/proc/nerf"});
   EXPECT_EQ(testing_apps::read_text(file), "x");
   fs::create_directory(out_);
-  refused({run_, "-o", out_, "--views", "orbit", "--mp4", (file / "film.mp4").string()}, {"file"});
+  refused({run_, "-o", out_, "--views", "interpolate", "--mp4", (file / "film.mp4").string()},
+          {"file"});
 }
 
 TEST_F(NerfRender, ADiskThatIsFullLeavesNothingHalfWritten) {

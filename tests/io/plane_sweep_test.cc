@@ -130,11 +130,39 @@ TEST(PlaneSweep, FindsNothingWhereNothingCanBeRecognised) {
 
 TEST(PlaneSweep, LeavesCapturesAloneThatHavePointsOrAlpha) {
   Capture c = capture(3);
-  c.scene.observations.resize(kFewPoints);
+  for (int i = 0; i < kFewPoints; ++i) {
+    c.scene.points.push_back({{0, 0, 0}, 0.5, 1});
+    c.scene.observations.push_back({0, i});
+  }
   EXPECT_EQ(sweep(c), 0);
   Capture alpha = capture(3);
   alpha.scene.alpha = true;
   EXPECT_EQ(sweep(alpha), 0);
+}
+
+TEST(PlaneSweep, OnePhotoFromCloseUpDoesNotCoarsenTheOthers) {
+  Capture c = capture(9);
+  View& close = c.scene.views[8];
+  close.pose.translation = close.pose.translation * 0.1;
+  EXPECT_GT(sweep(c), 800);
+}
+
+TEST(PlaneSweep, LeavesNearToAPointCloudAndToTheOption) {
+  Capture cloud = capture(9);
+  cloud.scene.points.assign(kFewPoints, {{0, 0, 0}, 0, 0});
+  EXPECT_GT(sweep(cloud), 1000);
+  EXPECT_EQ(cloud.scene.near, 0.02);
+  Capture given = capture(9);
+  given.scene.options.near = given.scene.near = 5;
+  sweep(given);
+  EXPECT_EQ(given.scene.near, 5);
+  EXPECT_GE(given.scene.far, 10);
+}
+
+TEST(PlaneSweep, LooksAtNarrowLensesOnly) {
+  Capture c = capture(5);
+  for (Camera& camera : c.photos.cameras) camera.params = {60, 60, 80, 60};  // 53 degrees aside
+  EXPECT_EQ(sweep(c), 0);
 }
 
 TEST(PlaneSweep, TellsWhereContentBegins) {

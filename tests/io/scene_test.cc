@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "io/cameras/made_database.h"
 #include "nerf/base/file.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/video.h"
@@ -192,10 +193,14 @@ TEST(LoadScene, FramesOfAVideoBecomeAScene) {
   write_video(folder / "capture" / "zoom.mp4", frames);
   write_colmap_text(model, folder / "model");
   fs::create_directory(folder / "bin");
+  {
+    test::MadeDatabase database(folder / "model" / "made.db");
+    for (int i = 1; i <= 6; ++i) database.add_image(fmt::format("frame_{:06}.jpg", i), {});
+  }
   write_text(folder / "bin" / "colmap",
              "#!/bin/sh\n"
              "[ \"$2\" = -h ] && exit 0\n"
-             "[ \"$1\" = feature_extractor ] && : > \"$3\"\n"
+             "[ \"$1\" = feature_extractor ] && cp \"$STANDIN_MODEL/made.db\" \"$3\"\n"
              "[ \"$1\" = mapper ] || exit 0\n"
              "while [ \"$1\" != --output_path ]; do shift; done\n"
              "mkdir \"$2/0\" && cp \"$STANDIN_MODEL\"/* \"$2/0\"\n");

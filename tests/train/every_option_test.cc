@@ -39,6 +39,15 @@ void opaque_photos(Setting& s) {
   for (Photo& p : s.capture.photos.photos)
     for (size_t i = 3; i < p.pixels8.size(); i += 4) p.pixels8[i] = 255;
 }
+// Free space is known of scenes without bounds, from what photos see: here the sphere's middle.
+void unbounded_with_points(Setting& s) {
+  opaque_photos(s);
+  s.capture.scene.unbounded = true;
+  for (int i = 0; i < 30; ++i) {
+    s.capture.scene.points.push_back({{0.02 * i - 0.3, 0, 0}, 0.5, 3});
+    for (const int v : s.capture.scene.train) s.capture.scene.observations.push_back({v, i});
+  }
+}
 void without_crop(Setting& s) { s.options.recipe.crop_steps = 0; }
 void warmed_up(Setting& s) { s.options.recipe.warmup_rate = 0.1; }
 void annealed(Setting& s) { s.options.recipe.anneal = true; }
@@ -97,6 +106,7 @@ const std::vector<Line>& table() {
       {"occupancy_threshold", {"0.2"}},
       {"keep_unseen", {"true"}, one_camera},
       {"keep_transparent", {"true"}},
+      {"keep_free", {"true"}, unbounded_with_points},
       {"grid.levels", {"3"}},
       {"grid.log2_entries", {"11"}},
       {"grid.features", {"2"}},

@@ -36,6 +36,12 @@ struct Capture {
     scene.observations.push_back({view, static_cast<int32_t>(scene.points.size())});
     scene.points.push_back({p, 0.5, views});
   }
+  // Points behind 0.52 whose lines of sight are a cell or two apart at y = 0.1 and beyond; too few
+  // to tell a near distance.
+  void see_bundle(int view) {
+    for (int i = 0; i < 16; ++i)
+      see(view, {0.011 + 0.08 * (i % 4 - 1.5), 0.7, 0.013 + 0.08 * (i / 4 - 1.5)});
+  }
   // A wall that every camera sees, so that each has enough points to tell its near distance.
   void add_wall() {
     for (size_t v = 0; v < scene.views.size(); ++v)
@@ -57,35 +63,37 @@ bool off(const OccupancyGrid& grid, const Vec3& p) {
 }
 
 TEST(FreeSpace, TwoLinesOfSightEmptyACellAndOneDoesNot) {
-  Capture c(2, 0);  // both lines from one place
-  const Vec3d seen{0.011, 0.7, 0.013};
-  c.see(0, seen);
+  Capture c(2, 0);  // both from one place
+  c.see_bundle(0);
   EXPECT_FALSE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
-  c.see(1, seen);
+  c.see_bundle(1);
   const OccupancyGrid grid = carved(c);
   EXPECT_TRUE(off(grid, {0.011_r, 0.1_r, 0.013_r}));
-  EXPECT_FALSE(off(grid, {0.111_r, 0.1_r, 0.013_r}));  // beside the lines
-  // The last 15 % of the way are the surface's: from -0.5 to 0.7 that is behind 0.52.
-  EXPECT_TRUE(off(grid, {0.011_r, 0.48_r, 0.013_r}));
+  EXPECT_FALSE(off(grid, {0.211_r, 0.1_r, 0.013_r}));  // beside the lines
+  // The last 15 % of the way are the surface's: from -0.5 to 0.7 that is behind 0.52. The rim of
+  // what lines cross stays too.
+  EXPECT_TRUE(off(grid, {0.011_r, 0.42_r, 0.013_r}));
   EXPECT_FALSE(off(grid, {0.011_r, 0.56_r, 0.013_r}));
 }
 
 TEST(FreeSpace, CellsWithAPointAndTheirNeighboursStay) {
   Capture c(2, 0);
-  for (const int v : {0, 1}) c.see(v, {0.011, 0.7, 0.013});
+  for (const int v : {0, 1}) c.see_bundle(v);
   c.scene.points.push_back({{0.011, 0.1, 0.013}, 0.5, 2});
   const OccupancyGrid grid = carved(c);
   const Real w = grid.cell_width(0);
   for (const int i : {-1, 0, 1})
     EXPECT_FALSE(off(grid, {0.011_r, 0.1_r + static_cast<Real>(i) * w, 0.013_r})) << i;
   EXPECT_TRUE(off(grid, {0.011_r, 0.1_r + 3 * w, 0.013_r}));
+  c.scene.points.back().views = 0;  // a point cloud's: nobody says who sees it
+  EXPECT_FALSE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
   c.scene.points.back().views = 1;  // what one photo alone tells protects nothing
   EXPECT_TRUE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
 }
 
 TEST(FreeSpace, OnlyTrainingPhotosBearWitness) {
   Capture c(3, 0);
-  for (const int v : {0, 1}) c.see(v, {0.011, 0.7, 0.013});
+  for (const int v : {0, 1}) c.see_bundle(v);
   c.scene.train = {0, 2};
   EXPECT_FALSE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
 }
@@ -102,6 +110,27 @@ TEST(FreeSpace, NearIsNineTenthsOfTheNearestHundredth) {
   EXPECT_EQ(near[2], c.scene.near);
   c.scene.unbounded = false;  // the box says it
   EXPECT_EQ(near_of_views(c.scene)[0], c.scene.near);
+}
+
+// A photo may not recognise what stands right before it, but others saw it.
+TEST(FreeSpace, NearHeedsPointsThatOthersSaw) {
+  Capture c(1);
+  for (int i = 0; i < 200; ++i) c.see(0, c.scene.views[0].pose.translation + Vec3d{0, 1, 0}, 3);
+  const Vec3d eye = c.scene.views[0].pose.translation;
+  for (int i = 0; i < 5; ++i) c.scene.points.push_back({eye + Vec3d{0, 0.3 + 0.02 * i, 0}, 0.5, 3});
+  EXPECT_NEAR(near_of_views(c.scene)[0], 0.9 * 0.38, 1e-12);  // four may be wrong
+  for (ScenePoint& p : c.scene.points) p.position.y = eye.y - (p.position.y - eye.y);  // behind
+  EXPECT_NEAR(near_of_views(c.scene)[0], 0.9, 1e-12);
+}
+
+TEST(FreeSpace, PhotosAtOtherScalesBeginWhereTheFullOneDoes) {
+  Capture c(2);
+  for (int i = 0; i < 50; ++i) c.see(0, c.scene.views[0].pose.translation + Vec3d{0, 0.5, 0});
+  c.scene.views[0].image_path = "a";
+  c.scene.views[1].image_path = "a";
+  c.scene.views[1].scale = 2;
+  EXPECT_EQ(near_of_views(c.scene)[1], near_of_views(c.scene)[0]);
+  EXPECT_GT(near_of_views(c.scene)[1], c.scene.near);
 }
 
 TEST(FreeSpace, TwoCamerasEmptyWhatIsNearerThanWhatTheySee) {
