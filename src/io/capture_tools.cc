@@ -56,7 +56,8 @@ MappedModel try_to_place(const Attempt& attempt, const ColmapProgram& colmap,
                          const Cancel* cancel) {
   const fs::path folder = work_folder / "cameras" / attempt.folder;
   const fs::path database = folder / "database.db", key_file = folder / "photos.key";
-  const std::string key = camera_model + "\n" + attempt.features.text() + "\n" + photos.key();
+  const std::string key = camera_model + "\n" + attempt.features.text() + "\n" +
+                          attempt.pairs.text() + "\n" + photos.key();
   if (!internal::is_file(key_file) || read_text_file(key_file) != key) {
     std::error_code failed;
     fs::remove_all(folder, failed);
@@ -101,13 +102,17 @@ void remove_what_is_no_use(const fs::path& work_folder) {
   fs::remove(work_folder, ignored);  // where it is empty
 }
 
-void link_or_copy(const fs::path& photos, const fs::path& link) {
+void link_or_copy(const CapturePhotos& photos, const fs::path& link) {
   std::error_code failed;
-  fs::create_directory_symlink(fs::weakly_canonical(photos), link, failed);
+  fs::create_directory_symlink(fs::weakly_canonical(photos.folder), link, failed);
   if (!failed) return;
   // Some file systems have no links.
-  fs::copy(photos, link, fs::copy_options::recursive, failed);
-  if (failed) throw errno_error(failed.value(), "cannot link or copy the photos to", link);
+  for (const internal::CapturePhoto& photo : photos.photos) {
+    failed.clear();
+    fs::create_directories((link / photo.name).parent_path(), failed);
+    if (!failed) fs::copy_file(photos.folder / photo.name, link / photo.name, failed);
+    if (failed) throw errno_error(failed.value(), "cannot link or copy the photos to", link);
+  }
 }
 
 }  // namespace
@@ -159,9 +164,9 @@ fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& fold
     progress(fmt::format("colmap: placed {} of {} photos", model.photos, photos.photos.size()));
   }
   internal::StagedFolder staged(result);
+  link_or_copy(photos, staged.path() / "images");
   fs::create_directory(staged.path() / "sparse");
   fs::rename(model.folder, staged.path() / "sparse" / "0");
-  link_or_copy(photos.folder, staged.path() / "images");
   staged.commit(key);
   clear();
   return result;

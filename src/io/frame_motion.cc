@@ -63,8 +63,8 @@ double FrameMotion::add(std::span<const uint8_t> grey, int width, int height) {
   const int w = width / step, h = height / step;
   std::vector<uint8_t> now = reduced(grey, width, step, w, h);
   double sum = 0;
-  int blocks = 0;
-  if (before_.size() == now.size()) {
+  int textured = 0, blocks = 0;
+  if (before_.size() == now.size() && before_width_ == w) {
     for (int y = kReach; y + kBlock + kReach <= h; y += kBlock)
       for (int x = kReach; x + kBlock + kReach <= w; x += kBlock) {
         const auto at = [&](const std::vector<uint8_t>& picture, const Shift& shift) {
@@ -73,6 +73,7 @@ double FrameMotion::add(std::span<const uint8_t> grey, int width, int height) {
         const uint8_t* block = at(now, {0, 0});
         const int64_t texture = variance(block, nullptr, w);
         if (texture < kTexture * kPixels) continue;
+        ++textured;
         int64_t least = INT64_MAX;
         Shift found{};
         for (const Shift& shift : shifts()) {
@@ -87,6 +88,9 @@ double FrameMotion::add(std::span<const uint8_t> grey, int width, int height) {
       }
   }
   before_ = std::move(now);
+  before_width_ = w;
+  // Most of the picture is not where it could be: it moved further than that.
+  if (4 * blocks < textured) return static_cast<double>(kReach) / std::max(w, h);
   return blocks == 0 ? 0 : sum / blocks / std::max(w, h);
 }
 

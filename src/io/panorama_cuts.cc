@@ -110,7 +110,8 @@ std::optional<Pose> pose_from_cuts(std::span<const PlacedCut> cuts) {
   std::vector<size_t> most;
   for (size_t i = 0; i < cuts.size(); ++i)
     if (auto with = agreeing(i); with.size() > most.size()) most = std::move(with);
-  if (2 * most.size() <= cuts.size()) return std::nullopt;
+  // One cut alone may be wrong, and its picture would be all around.
+  if (most.size() < 2 || 2 * most.size() <= cuts.size()) return std::nullopt;
 
   Pose pose;
   pose.rotation = {};

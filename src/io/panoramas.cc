@@ -27,12 +27,6 @@ using Progress = std::function<void(const std::string&)>;
 constexpr size_t kLooks = 5;  // at how many panoramas' edges
 constexpr size_t kNamesShown = 5;
 
-bool lies_below(const fs::path& path, const fs::path& folder) {
-  const fs::path relative =
-      fs::weakly_canonical(path).lexically_relative(fs::weakly_canonical(folder));
-  return !relative.empty() && *relative.begin() != "..";
-}
-
 bool says_panorama(const fs::path& photo) {
   std::string head(256 * 1024, '\0');  // XMP stands before the picture
   std::ifstream in(photo, std::ios::binary);
@@ -153,15 +147,6 @@ void take_points(SceneInput& model, const std::vector<int>& panorama_of_cut, Sce
 }  // namespace
 
 std::string cut_name(size_t i, int k) { return fmt::format("{:05}_{}.jpg", i, k); }
-
-std::vector<std::string> photos_below(const fs::path& folder, const CaptureFolders& run) {
-  std::vector<std::string> names = list_images(folder);
-  for (const fs::path& own : {run.work, run.run}) {
-    if (own.empty() || lies_below(folder, own)) continue;
-    std::erase_if(names, [&](const std::string& name) { return lies_below(folder / name, own); });
-  }
-  return names;
-}
 
 bool are_panoramas(const fs::path& folder, const std::vector<std::string>& names) {
   if (names.size() < 2) return false;

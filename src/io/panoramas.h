@@ -12,10 +12,6 @@
 
 namespace nerf::internal {
 
-// Photos below a folder that are not a run's pictures (see CaptureFolders).
-std::vector<std::string> photos_below(const std::filesystem::path& folder,
-                                      const CaptureFolders& run);
-
 // Whether all the photos are whole panoramas: twice as wide as high, and either named so in the
 // first one's XMP (GPano:ProjectionType equirectangular) or, as far as a few of them show, made
 // like a sphere: the left edge goes on at the right one, and the upper and lower ones are a point

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "image_decode.h"
+#include "io/cameras/capture_photos.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/threads.h"
@@ -29,13 +30,6 @@ struct Plan {
   bool convert = false;
 };
 
-bool lies_below(const fs::path& path, const fs::path& folder) {
-  if (folder.empty()) return false;
-  const fs::path relative =
-      fs::weakly_canonical(path).lexically_relative(fs::weakly_canonical(folder));
-  return !relative.empty() && *relative.begin() != "..";
-}
-
 std::string without_extension(const std::string& name) {
   return fs::path(name).replace_extension().generic_string();
 }
@@ -43,9 +37,8 @@ std::string without_extension(const std::string& name) {
 std::vector<Plan> plan_of(const fs::path& photos, const CaptureFolders& folders, int* twice) {
   std::vector<std::string> names;
   std::set<std::string> readable;
-  for (std::string& name : list_images(photos)) {
+  for (std::string& name : capture_photo_names(photos, folders)) {
     const fs::path path = photos / name;
-    if (lies_below(path, folders.work) || lies_below(path, folders.run)) continue;
     if (!needs_conversion(path)) readable.insert(without_extension(name));
     names.push_back(std::move(name));
   }

@@ -6,6 +6,7 @@
 #include <array>
 #include <set>
 
+#include "io/cameras/capture_photos.h"
 #include "nerf/io/capture_tools.h"
 #include "panoramas.h"
 #include "paths.h"
@@ -122,7 +123,7 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
   const CaptureFolders folders{work_folder(run.options), run.options.run_folder};
   const bool panoramas =
       run.options.camera_model == camera_model_name(CameraModel::kEquirectangular);
-  const std::vector<std::string> names = photos_below(photos, folders);
+  const std::vector<std::string> names = capture_photo_names(photos, folders);
   SceneInput input;
   if (panoramas || are_panoramas(photos, names)) {
     input = read_panoramas(photos, names, folders, run.progress, run.cancel);
@@ -132,6 +133,8 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
     input = read_colmap_scene(run_colmap_on_photos(prepared, folders, run.options.camera_model,
                                                    run.progress, run.cancel));
     input.notes.insert(input.notes.begin(), notes.begin(), notes.end());
+    input.images_total = std::max(static_cast<int>(input.views.size()),
+                                  static_cast<int>(capture_photo_names(prepared, folders).size()));
     input.format = "photos, " + input.format;
   }
   input.mask_folders = {mask_root / "masks"};

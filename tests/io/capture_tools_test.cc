@@ -70,6 +70,7 @@ case $command in
     echo 'Processed file [1/2]' ;;
   exhaustive_matcher) printf 'Matching block [1/1, 1/1]'; echo ' in 0.1s' ;;
   mapper)
+    if [ -z "$STANDIN_PLACED" ]; then echo 'ERROR: failed to create sparse model'; exit 1; fi
     echo 'Registering image #2 (2)'
     n=0
     for placed in $STANDIN_PLACED; do model "$out/$n" "$placed"; n=$((n + 1)); done ;;

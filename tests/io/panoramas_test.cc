@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "io/cameras/capture_photos.h"
 #include "io/panorama_cuts.h"
 #include "nerf/math/camera_paths.h"
 #include "test_images.h"
@@ -33,7 +34,7 @@ void write_panorama(const fs::path& path, int width = 256, int height = 128) {
 class Panoramas : public ::testing::Test {
  protected:
   bool recognised() const {
-    return are_panoramas(folder_.path(), photos_below(folder_.path(), {}));
+    return are_panoramas(folder_.path(), capture_photo_names(folder_.path(), {}));
   }
   TempFolder folder_;
 };
@@ -76,9 +77,9 @@ TEST_F(Panoramas, PicturesOfARunAreNoPhotos) {
     fs::create_directories((folder_ / name).parent_path());
     write_panorama(folder_ / name, 16, 8);
   }
-  EXPECT_EQ(photos_below(folder_.path(), {folder_ / "run" / "capture", folder_ / "run"}),
+  EXPECT_EQ(capture_photo_names(folder_.path(), {folder_ / "run" / "capture", folder_ / "run"}),
             (std::vector<std::string>{"a.png", "c/d.png"}));
-  EXPECT_EQ(photos_below(folder_ / "run" / "eval", {folder_ / "run", {}}).size(), 1u);
+  EXPECT_EQ(capture_photo_names(folder_ / "run" / "eval", {folder_ / "run", {}}).size(), 1u);
 }
 
 // Every cut shows the colours of its own directions, round the seam as well.
@@ -144,9 +145,10 @@ TEST(PoseFromCuts, IsTheOneThatMostAgreeOn) {
   EXPECT_LT(length(pose->translation - kPose.translation), 1e-12);
   for (int c = 0; c < 3; ++c)
     EXPECT_LT(length(pose->rotation.column(c) - kPose.rotation.column(c)), 1e-5);
-  const std::vector<PlacedCut> one{cut_of(3)};
-  ASSERT_TRUE(pose_from_cuts(one));
-  EXPECT_LT(length(pose_from_cuts(one)->rotation.column(0) - kPose.rotation.column(0)), 1e-12);
+  const std::vector<PlacedCut> two{cut_of(3), cut_of(4)}, one{cut_of(3)};
+  ASSERT_TRUE(pose_from_cuts(two));
+  EXPECT_LT(length(pose_from_cuts(two)->rotation.column(0) - kPose.rotation.column(0)), 1e-12);
+  EXPECT_FALSE(pose_from_cuts(one));  // nothing says that it is right
 }
 
 TEST(PoseFromCuts, IsNoneWhereCutsDisagree) {

@@ -64,6 +64,10 @@ TEST(FrameMotion, IsTheDisplacementAsAShareOfTheLongerSide) {
   EXPECT_EQ(motion.add(slid(0, 0, 20), 480, 270), 0);
   EXPECT_NEAR(motion.add(slid(12, 0), 480, 270), 12.0 / 480, 1e-3);
   EXPECT_NEAR(motion.add(slid(4, 16), 480, 270), std::hypot(8, 16) / 480, 2e-3);
+  // What has moved too far to be found counts as far as can be told.
+  FrameMotion pan;
+  pan.add(slid(0, 0), 480, 270);
+  EXPECT_EQ(pan.add(slid(200, 97), 480, 270), 0.05);
   // A picture without texture tells nothing.
   EXPECT_EQ(motion.add(std::vector<uint8_t>(480 * 270, 90), 480, 270), 0);
   // Another size than before, and sizes without a block.

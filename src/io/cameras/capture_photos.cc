@@ -25,6 +25,7 @@ bool lies_below(const fs::path& path, const fs::path& folder) {
 // lie in the work folder themselves.
 std::vector<fs::path> not_photos(const fs::path& folder, const CaptureFolders& run) {
   std::vector<fs::path> out;
+  if (run.work.empty()) return out;
   if (!lies_below(folder, run.work)) out.push_back(run.work);
   if (run.run.empty()) return out;
   if (!lies_below(folder, run.run))
@@ -74,12 +75,17 @@ std::string CapturePhotos::names() const {
   return list;
 }
 
+std::vector<std::string> capture_photo_names(const fs::path& folder, const CaptureFolders& run) {
+  std::vector<std::string> names = list_images(folder);
+  for (const fs::path& own : not_photos(folder, run))
+    std::erase_if(names, [&](const std::string& name) { return lies_below(folder / name, own); });
+  return names;
+}
+
 CapturePhotos look_at_photos(const fs::path& folder, const CaptureFolders& run) {
   CapturePhotos out{fs::absolute(folder), {}};
-  const std::vector<fs::path> excluded = not_photos(folder, run);
-  for (const std::string& name : list_images(folder)) {
+  for (const std::string& name : capture_photo_names(folder, run)) {
     const fs::path path = folder / name;
-    if (std::ranges::any_of(excluded, [&](const auto& e) { return lies_below(path, e); })) continue;
     check_image_complete(path);
     out.photos.push_back({name, read_photo_tags(path)});
   }

@@ -28,6 +28,10 @@ struct CapturePhotos {
   std::string names() const;
 };
 
+// Names of the photos below a folder, as list_images() gives them, without a run's own pictures.
+std::vector<std::string> capture_photo_names(const std::filesystem::path& folder,
+                                             const CaptureFolders& run);
+
 // Looks at the header of every photo below the folder, leaving out a run's own pictures. Throws
 // Error: fewer than two photos, a truncated one.
 CapturePhotos look_at_photos(const std::filesystem::path& folder, const CaptureFolders& run);

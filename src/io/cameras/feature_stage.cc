@@ -7,6 +7,7 @@
 
 #include "io/cameras/feature_database.h"
 #include "io/paths.h"
+#include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/threads.h"
 
@@ -58,15 +59,22 @@ std::string model_for(const Batch& batch, const std::string& wanted,
 std::map<std::string, int64_t> cameras_found(const fs::path& file) {
   std::map<std::string, int64_t> out;
   if (!is_file(file)) return out;
-  FeatureDatabase database(file);
-  for (const FeatureDatabase::Image& image : database.images()) out[image.name] = image.camera;
+  try {
+    FeatureDatabase database(file);
+    for (const FeatureDatabase::Image& image : database.images()) out[image.name] = image.camera;
+  } catch (const Error&) {  // stopped while it was made
+    std::error_code ignored;
+    for (const char* ending : {"", "-wal", "-shm", "-journal"})
+      fs::remove(file.string() + ending, ignored);
+    out.clear();
+  }
   return out;
 }
 
 }  // namespace
 
 std::string FeatureSettings::text() const {
-  return fmt::format("{} {} {}", longest_side, doubled_below, peak_threshold);
+  return fmt::format("{} {} {} {}", longest_side, doubled_below, peak_threshold, photos_for_opencv);
 }
 
 void find_features(const ColmapProgram& colmap, const CapturePhotos& photos,

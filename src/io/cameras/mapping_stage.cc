@@ -113,22 +113,40 @@ MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
                        const fs::path& database, const fs::path& folder, bool eager,
                        const Tell& tell) {
   const auto count = static_cast<int64_t>(photos.photos.size());
-  const bool global = count >= kManyPhotos && !eager && colmap.has_command("global_mapper");
-  clear_folder(folder);
-  StageProgress progress(tell, "colmap: placed", "photos", count, 0, kMappingPower);
-  int64_t most = 0;  // of all models so far
-  colmap.run(global ? "global_mapper" : "mapper",
-             {"--database_path", database.string(), "--image_path", photos.folder.string(),
-              "--output_path", folder.string()},
-             mapper_settings(count, eager), [&](std::string_view line) {
-               // "Registering image #7 (12)"; newer versions add more behind the 12
-               const std::string_view placed =
-                   between(between(line, "Registering image #", "\n"), "(", ")");
-               if (placed.empty()) return;
-               most = std::max(most, leading_number(placed));
-               progress.update(std::min(most, count));
-             });
-  return largest_of(colmap, models_in(folder), folder, tell);
+  const auto run = [&](const char* mapper) {
+    clear_folder(folder);
+    StageProgress progress(tell, "colmap: placed", "photos", count, 0, kMappingPower);
+    int64_t most = 0;  // of all models so far
+    // It counts as a failure of colmap's where it finds none, but other settings may find one.
+    bool found_none = false;
+    try {
+      colmap.run(mapper,
+                 {"--database_path", database.string(), "--image_path", photos.folder.string(),
+                  "--output_path", folder.string()},
+                 mapper_settings(count, eager), [&](std::string_view line) {
+                   found_none |= line.find("failed to create sparse model") != line.npos;
+                   // "Registering image #7 (12)"; newer versions add more behind the 12
+                   const std::string_view placed =
+                       between(between(line, "Registering image #", "\n"), "(", ")");
+                   if (placed.empty()) return;
+                   most = std::max(most, leading_number(placed));
+                   progress.update(std::min(most, count));
+                 });
+    } catch (const Error&) {
+      if (!found_none) throw;
+    }
+    return models_in(folder);
+  };
+  std::vector<MappedModel> models;
+  if (count >= kManyPhotos && !eager && colmap.has_command("global_mapper")) {
+    if (tell) tell("colmap: placing all photos at once");
+    try {
+      models = run("global_mapper");
+    } catch (const Error&) {  // some builds lack what it needs
+    }
+  }
+  if (models.empty()) models = run("mapper");
+  return largest_of(colmap, std::move(models), folder, tell);
 }
 
 }  // namespace nerf::internal

@@ -1,5 +1,7 @@
 #include "io/cameras/photo_pairs.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -44,6 +46,10 @@ void add_nearest(std::vector<PhotoPair>& pairs, int photos, int count, const Dis
 }
 
 }  // namespace
+
+std::string PairSettings::text() const {
+  return fmt::format("{} {} {} {}", every_pair_up_to, nearest, nearest_places, neighbours);
+}
 
 std::vector<PhotoPair> every_pair(int count) {
   std::vector<PhotoPair> pairs;

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,8 @@ struct PairSettings {
   int nearest = 60;            // by the global descriptor
   int nearest_places = 20;     // by GPS
   int neighbours = 12;         // in the order of names, on either side; further ones at 16, 32, ...
+
+  std::string text() const;  // for keys
 };
 
 std::vector<PhotoPair> every_pair(int count);
