@@ -299,7 +299,7 @@ int train_main(int argc, char** argv) {
   for (const std::string& warning : unused_options(command, line.given, scene))
     log_warning(warning);
   PhotoSet photos = decode(scene, pool, stop);
-  if (const int added = add_swept_points(scene, photos, pool); added > 0)
+  if (const int added = add_swept_points(scene, photos, pool, &stop.cancel()); added > 0)
     log_info(
         fmt::format("the capture does not say which photos see which points: {} were found in the "
                     "photos; near, "

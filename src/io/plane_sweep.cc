@@ -6,6 +6,7 @@
 #include <numbers>
 #include <vector>
 
+#include "scene_statistics.h"
 #include "sweep_image.h"
 
 namespace nerf {
@@ -276,21 +277,11 @@ std::vector<Found> agreed(const std::vector<SweepImage>& images,
   return out;
 }
 
-// Sets where content begins and ends from distances of points, engine units.
-void set_near_far(std::vector<double> distances, Scene& scene) {
-  constexpr double kFarthest = 4;  // a ray through the whole inner box, 2 sqrt(3), ends before far
-  const auto quantile = [&](double fraction) {
-    const auto at =
-        distances.begin() + std::lround(fraction * static_cast<double>(distances.size() - 1));
-    std::nth_element(distances.begin(), at, distances.end());
-    return *at;
-  };
-  if (distances.empty()) return;
-  const double middle = quantile(0.5);
-  if (!scene.options.near)
-    scene.near = std::clamp(0.5 * quantile(0.001), 1e-3 * middle, 0.5 * middle);
-  if (!scene.options.far) scene.far = std::max({kFarthest, 2 * quantile(0.999), 2 * scene.near});
-  if (!scene.options.near) scene.near = std::min(scene.near, 0.5 * scene.far);
+// Sets where content begins and ends, where no option does.
+void set_near_far(const std::vector<double>& distances, Scene& scene) {
+  const auto [near, far] = internal::near_far_of(distances);
+  if (!scene.options.far) scene.far = scene.options.near ? std::max(far, 2 * scene.near) : far;
+  if (!scene.options.near) scene.near = std::min(near, 0.5 * scene.far);
 }
 
 // Of the points those that some photo is said to see.
@@ -309,7 +300,7 @@ bool is_narrow(const Camera& camera) {
 
 }  // namespace
 
-int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool) {
+int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool, const Cancel* cancel) {
   if (scene.alpha || points_seen(scene) >= kFewPoints) return 0;
   // Where nobody says who sees the points they still say where content begins.
   const bool has_near = static_cast<int>(scene.points.size()) >= kFewPoints ||
@@ -340,6 +331,7 @@ int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool) {
   std::vector<std::vector<float>> depths(taken);
   std::vector<std::vector<size_t>> others(taken);
   pool.parallel_for(static_cast<int64_t>(taken), [&](int64_t i) {
+    if (cancel && cancel->requested()) throw Cancelled();
     Sweep sweep(images, static_cast<size_t>(i), nearest);
     depths[static_cast<size_t>(i)] = sweep.inverse_depths();
     others[static_cast<size_t>(i)] = sweep.others();
@@ -357,8 +349,7 @@ int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool) {
       }
       ++added;
     }
-  if (added >= kFewPoints && scene.unbounded && !has_near)
-    set_near_far(std::move(distances), scene);
+  if (added >= kFewPoints && scene.unbounded && !has_near) set_near_far(distances, scene);
   return added;
 }
 

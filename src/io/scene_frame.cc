@@ -220,11 +220,8 @@ void unbounded_near_far(const SceneInput& input, const Level& level, Scene& scen
     scene.far = far * scene.to_engine.scale;
     return;
   }
-  constexpr double kFarthest = 4;  // a ray through the whole inner box, 2 sqrt(3), ends before far
   if (distances.size() >= 50) {
-    const double middle = quantile(distances, 0.5);
-    scene.near = std::clamp(0.5 * quantile(distances, 0.001), 1e-3 * middle, 0.5 * middle);
-    scene.far = std::max(kFarthest, 2 * quantile(distances, 0.999));
+    std::tie(scene.near, scene.far) = near_far_of(distances);
     return;
   }
   double closest = 1e300;

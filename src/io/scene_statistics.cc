@@ -33,6 +33,13 @@ std::vector<char> in_the_crowd(const std::vector<double>& values, double factor)
   return in;
 }
 
+std::pair<double, double> near_far_of(const std::vector<double>& distances) {
+  constexpr double kFarthest = 4;  // a ray through the whole inner box, 2 sqrt(3), ends before far
+  const double middle = quantile(distances, 0.5);
+  return {std::clamp(0.5 * quantile(distances, 0.001), 1e-3 * middle, 0.5 * middle),
+          std::max(kFarthest, 2 * quantile(distances, 0.999))};
+}
+
 std::vector<char> supported_points(const std::vector<ScenePoint>& points) {
   constexpr size_t kEnough = 50;
   if (std::all_of(points.begin(), points.end(), [](const ScenePoint& p) { return p.views == 0; })) {

@@ -1,6 +1,7 @@
 // Statistics over cameras and points that a few bad ones among them do not move.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "nerf/io/scene.h"
@@ -16,6 +17,10 @@ Vec3d median_position(const std::vector<Vec3d>& positions);
 // Which values belong to the crowd: at most `factor` times the quantile at 0.8, so that no fifth of
 // them can change it. Of a list whose quantile is 0 all do. Values are not negative.
 std::vector<char> in_the_crowd(const std::vector<double>& values, double factor);
+
+// Where content begins and ends, engine units, of an unbounded scene whose points lie at these
+// distances from the cameras that see them; at least 1.
+std::pair<double, double> near_far_of(const std::vector<double>& distances);
 
 // Points that several images agree on: what normalisation may rely on. Three images, or two where a
 // capture has few that three see; all where nobody knows who sees them.

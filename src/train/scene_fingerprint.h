@@ -11,7 +11,8 @@
 namespace nerf::internal {
 
 // Aspects of the scene (named for people: "names of the images", "poses", ...) and a hash of each,
-// in a fixed order. Pixels are not looked at.
+// in a fixed order. Pixels are not looked at, but near and far are, which a plane sweep may have
+// found in them.
 using SceneFingerprint = std::vector<std::pair<std::string, std::string>>;
 
 SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos);

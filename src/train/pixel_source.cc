@@ -1,0 +1,171 @@
+// Pixels of the training photos and their rays.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <span>
+
+#include "nerf/base/error.h"
+#include "train/free_space.h"
+#include "train/ray_batch.h"
+
+namespace nerf {
+
+PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
+    : photos_(photos), views_(scene.train) {
+  const std::vector<double> near = near_of_views(scene);
+  pixels_before_.push_back(0);
+  double weight = 0;
+  std::map<std::filesystem::path, int> files;  // a scene that a program made may have names alone
+  for (int v : views_) {
+    const Photo& p = photos.photos[static_cast<size_t>(v)];
+    pixels_before_.push_back(pixels_before_.back() +
+                             static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height));
+    const View& view = scene.views[static_cast<size_t>(v)];
+    poses_.push_back(scene.to_engine.apply(view.pose));
+    near_.push_back(near[static_cast<size_t>(v)]);
+    const std::filesystem::path file =
+        view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
+    files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
+    weights_.push_back(static_cast<Real>(view.scale * view.scale));
+    weight += static_cast<double>(weights_.back()) *
+              static_cast<double>(pixels_before_.back() - pixels_before_[poses_.size() - 1]);
+  }
+  file_count_ = static_cast<int>(files.size());
+  if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
+  mean_weight_ = weight / static_cast<double>(pixels_before_.back());
+  const auto keeps_any = [&](int v) {
+    const Photo& photo = photos.photos[static_cast<size_t>(v)];
+    return photo.mask.empty() || std::ranges::any_of(photo.mask, [](uint8_t m) { return m != 0; });
+  };
+  if (std::ranges::none_of(views_, keeps_any))
+    throw Error("the masks leave no pixel to train on", scene.root.string(),
+                "values of 128 and more keep a pixel: are the masks inverted?");
+}
+
+bool PixelSource::draw(Random& random, Pixel& out) const {
+  return locate(random, nullptr, out) && read(out);
+}
+
+// A place in one of the photos: each pixel as often as the others, of a panorama each solid angle.
+void PixelSource::choose(Random& random, Pixel& out) const {
+  for (;;) {
+    const uint64_t at = random.below(pixels_before_.back());
+    out.source =
+        static_cast<size_t>(std::upper_bound(pixels_before_.begin(), pixels_before_.end(), at) -
+                            pixels_before_.begin() - 1);
+    const size_t view = static_cast<size_t>(views_[out.source]);
+    out.photo = &photos_.photos[view];
+    const uint64_t pixel = at - pixels_before_[out.source];
+    const uint64_t width = static_cast<uint64_t>(out.photo->width);
+    out.x = static_cast<int>(pixel % width);
+    out.y = static_cast<int>(pixel / width);
+    // The poles of a panorama are many pixels and little to see.
+    const Camera& camera = photos_.cameras[view];
+    if (!is_panorama(camera)) return;
+    if (static_cast<double>(random.uniform()) < relative_solid_angle(camera, out.y + 0.5)) return;
+  }
+}
+
+bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out, int block) const {
+  bool found = false;
+  locate(std::span(&random, 1), errors, std::span(&out, 1), std::span(&found, 1), block);
+  return found;
+}
+
+void PixelSource::locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
+                         std::span<bool> found, int block) const {
+  constexpr int kMostTries = 16;  // bounds the time where nearly everything is learnt
+  const bool guided = errors && !errors->keeps_all();
+  const auto propose = [&](size_t i) {
+    choose(randoms[i], out[i]);
+    if (!guided) return;
+    out[i].tile = errors->tile_of(out[i].source, out[i].x, out[i].y);
+    errors->prefetch(out[i].tile);
+  };
+  for (size_t i = 0; i < out.size(); ++i) {
+    found[i] = !guided;
+    propose(i);
+  }
+  // All pixels once, then those again that were not kept: their chances are on their way meanwhile.
+  bool any = guided;
+  for (int tries = 1; any; ++tries) {
+    any = false;
+    for (size_t i = 0; i < out.size(); ++i) {
+      if (found[i]) continue;
+      found[i] = tries == kMostTries || randoms[i].uniform() < errors->chance(out[i].tile);
+      if (found[i]) continue;
+      propose(i);
+      any = true;
+    }
+  }
+  for (size_t i = 0; i < out.size(); ++i) {
+    Pixel& pixel = out[i];
+    if (block > 1) {
+      pixel.x -= pixel.x % block;
+      pixel.y -= pixel.y % block;
+      pixel.width = std::min(block, pixel.photo->width - pixel.x);
+      pixel.height = std::min(block, pixel.photo->height - pixel.y);
+    }
+    found[i] = cast(pixel);
+  }
+}
+
+bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {
+  out.source = i;
+  out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
+  const auto within = [&](int size) {
+    const int middle = std::max(1, static_cast<int>(share * size));
+    return (size - middle) / 2 + static_cast<int>(random.below(static_cast<uint64_t>(middle)));
+  };
+  out.x = within(out.photo->width);
+  out.y = within(out.photo->height);
+  return cast(out) && read(out);
+}
+
+// The ray of a pixel whose photo and place are known.
+bool PixelSource::cast(Pixel& out) const {
+  const size_t i = out.source, view = static_cast<size_t>(views_[i]);
+  const Photo& photo = *out.photo;
+  photo.prefetch(out.x, out.y);
+  out.camera = &photos_.cameras[view];
+  out.pose = &poses_[i];
+  out.weight = weights_[i];
+  const auto direction = unproject(*out.camera, out.centre());
+  if (!direction) return false;
+  out.ray.origin = poses_[i].translation;
+  out.ray.direction = normalized(poses_[i].rotation * *direction);
+  out.ray.near = near_[i];
+  return true;
+}
+
+bool PixelSource::read(Pixel& out) const {
+  if (out.width > 1 || out.height > 1) return read_block(out);
+  if (out.photo->masked_out(out.x, out.y)) return false;
+  Real rgba[4];
+  out.photo->pixel(out.x, out.y, rgba);
+  std::copy(rgba, rgba + 3, out.rgb);
+  out.alpha = rgba[3];
+  return true;
+}
+
+// The mean of what the masks keep, colours weighted by their alpha.
+bool PixelSource::read_block(Pixel& out) const {
+  Real sum[4] = {0, 0, 0, 0};
+  int count = 0;
+  for (int y = out.y; y < out.y + out.height; ++y)
+    for (int x = out.x; x < out.x + out.width; ++x) {
+      if (out.photo->masked_out(x, y)) continue;
+      Real rgba[4];
+      out.photo->pixel(x, y, rgba);
+      for (int k = 0; k < 3; ++k) sum[k] += rgba[k] * rgba[3];
+      sum[3] += rgba[3];
+      ++count;
+    }
+  if (count == 0) return false;
+  for (int k = 0; k < 3; ++k) out.rgb[k] = sum[3] > 0 ? sum[k] / sum[3] : 0.0_r;
+  out.alpha = sum[3] / static_cast<Real>(count);
+  return true;
+}
+
+}  // namespace nerf
