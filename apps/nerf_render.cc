@@ -82,8 +82,10 @@ int render_main(int argc, char** argv) {
   options.precision = command.precision;
   options.supersample = command.supersample;
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
-                                        bool preview, const std::function<void(double)>& progress) {
+                                        double time, bool preview,
+                                        const std::function<void(double)>& progress) {
     RenderOptions own = options;
+    own.time = static_cast<Real>(time);
     if (preview) own.supersample = 1;
     return render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
   };

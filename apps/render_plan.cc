@@ -188,6 +188,7 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
     frame.name = view.name;
     frame.camera = sized(command, view.camera, views.photos);
     frame.camera_to_world = view.camera_to_world;
+    frame.time = view.time;
     frame.color = unused(picture_file(view.name), used);
     if (stereo) {
       const Eye middle{frame.camera, frame.camera_to_world};

@@ -19,6 +19,7 @@ struct PlannedFrame {
   std::string name;             // of the view
   Camera camera;                // at the size to render; of a stereo picture the left eye's
   Pose camera_to_world;         // input coordinates
+  double time = 0;              // [0, 1]
   std::optional<Eye> right;     // of a stereo picture
   std::filesystem::path color;  // files, below the output folder
   std::filesystem::path depth;  // empty: not wanted

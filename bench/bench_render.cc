@@ -98,7 +98,8 @@ void compare_rendering(const fs::path& run, int views, int threads, std::optiona
   double alike = kHighestPsnr, difference = 0;
   for (size_t i = 0; i < scene.views.size(); ++i) {
     const Photo& photo = photos.photos[i];
-    const auto timed = [&](const RenderOptions& o, std::vector<double>& times) {
+    const auto timed = [&](RenderOptions o, std::vector<double>& times) {
+      o.time = static_cast<Real>(scene.views[i].time);
       const auto t0 = std::chrono::steady_clock::now();
       Frame f = render(field, photos.cameras[i], scene.views[i].pose, o, pool);
       times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - t0).count());

@@ -63,34 +63,36 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
     int64_t asked = 0, coloured = 0, cast_rays = 0;
     std::vector<NetworkRay> rays;
     std::vector<int64_t> pixel_of;
-    std::vector<Pose> from;       // where the rays begin
+    std::vector<Ray> lines;       // of the rays, engine coordinates
     std::vector<double> forward;  // depth_per_distance()
     for (int64_t chunk = item * kChunksPerItem;
          chunk < std::min(chunks, (item + 1) * kChunksPerItem); ++chunk) {
       rays.clear();
       pixel_of.clear();
-      from.clear();
+      lines.clear();
       forward.clear();
       for (int64_t p = chunk * per_chunk; p < std::min(pixels, (chunk + 1) * per_chunk); ++p) {
         const Vec2d at{static_cast<double>(p % camera.width) + 0.5,
                        static_cast<double>(p / camera.width) + 0.5};
         for (int k = 0; k < 3; ++k) frame.rgb[static_cast<size_t>(3 * p + k)] = background[k];
-        const Pose begin = ray_pose(camera, pose, at);
-        const auto cast = cast_ray(field, camera, begin, at);
-        if (!cast) continue;
-        NetworkRay ray = *cast;
-        ray.background = background;
+        auto line = camera_ray(camera, pose, at);
+        if (!line) continue;
+        line->radius = cast_radius(field, camera, pose, at);
+        line->background = background;
+        line->time = options.time;
+        auto ray = sampled_ray(field, *line);
+        if (!ray) continue;
         if (box) {
           double near = 0, far = std::numeric_limits<double>::infinity();
-          if (!box->clip(begin.translation, ray.view.cast<double>(), near, far)) continue;
-          ray.drawn_from = static_cast<Real>(ray_parameter(field, begin, ray, near));
-          ray.drawn_to = static_cast<Real>(ray_parameter(field, begin, ray, far));
+          if (!box->clip(line->origin, line->direction, near, far)) continue;
+          ray->drawn_from = static_cast<Real>(ray_parameter(field, *line, near));
+          ray->drawn_to = static_cast<Real>(ray_parameter(field, *line, far));
         }
-        rays.push_back(ray);
+        rays.push_back(*ray);
         pixel_of.push_back(p);
-        from.push_back(begin);
+        lines.push_back(*line);
         forward.push_back(
-            depth_per_distance(camera, pose.rotation.transposed() * ray.view.cast<double>()));
+            depth_per_distance(camera, pose.rotation.transposed() * ray->view.cast<double>()));
       }
       if (rays.empty()) continue;
       own->forward(rays, 1);
@@ -105,7 +107,7 @@ Frame render_network(const NetworkField& field, const ModelInfo& info,
         for (size_t k = 0; k < 3; ++k)
           frame.rgb[3 * p + k] = std::clamp(frame.rgb[3 * p + k], 0.0_r, 1.0_r);
         const double t = static_cast<double>(own->median_distance(static_cast<int>(r)));
-        const double distance = t < 0 ? 0 : ray_distance(field, from[r], rays[r], t);
+        const double distance = t < 0 ? 0 : ray_distance(field, lines[r], t);
         const double depth = distance * forward[r] / info.to_engine.scale;
         frame.depth_z[p] = std::isfinite(depth) ? static_cast<Real>(depth) : 0.0_r;
       }

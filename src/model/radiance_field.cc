@@ -30,7 +30,8 @@ bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel
 }
 
 void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
-                          std::span<Real> density, std::span<Real> rgb, ThreadPool& pool) const {
+                          std::span<Real> density, std::span<Real> rgb, ThreadPool& pool,
+                          Real /*time*/) const {
   const int64_t n = static_cast<int64_t>(points.size());
   NERF_CHECK_EQ(directions.size(), points.size());
   NERF_CHECK_EQ(density.size(), points.size());

@@ -140,6 +140,7 @@ class TileRenderer {
     line.direction = pose_.rotation * in_camera;
     line.near = near_;
     line.clear = clear;
+    line.time = options_.time;
     if (!inside_box(line)) return finish(ray);
     ++statistics_.rays;
     if (std::isinf(clear)) return finish(ray);

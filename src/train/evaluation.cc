@@ -121,6 +121,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
     const auto at = [&](double f) {
       if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
     };
+    render_options.time = static_cast<Real>(scene.views[v].time);
     const Frame frame =
         render(field, photos.cameras[v], scene.views[v].pose, render_options, pool, at, cancel);
     const Image8 truth = photo_over(photo, render_options.background);

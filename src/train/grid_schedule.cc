@@ -15,13 +15,6 @@ constexpr double kSamplesUntilSharp = 2e8;
 
 }  // namespace
 
-Real GridTrainer::rate_at(int64_t step) const {
-  const double rise =
-      std::min(1.0, static_cast<double>(step + 1) / std::max(options.warmup_steps, 1));
-  return static_cast<Real>(options.rate * rate_factor * rise *
-                           std::lerp(1.0, options.final_rate, progress_at(step)));
-}
-
 AdamStep GridTrainer::adam_at(int64_t step) const {
   const double progress = progress_at(step);
   return {.rate = rate_at(step),
@@ -62,9 +55,9 @@ double GridTrainer::late_saving_seconds() {
     for (int i = 0; i < kRepeats; ++i) {
       const double begin = seconds_now();
       // Other rays each time: the same again would find their photos' memory in a cache.
-      maker.fill(options.seed ^ salt, step++, static_cast<int64_t>(rays), samples, batch);
+      maker.fill(seed(), step++, static_cast<int64_t>(rays), samples, batch);
       const double drawn = seconds_now();
-      encode_batch();
+      look_up();
       least.draw = std::min(least.draw, drawn - begin);
       least.encode = std::min(least.encode, seconds_now() - drawn);
       rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /

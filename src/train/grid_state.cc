@@ -15,8 +15,8 @@ namespace {
 template <class T, class Visit>
 void visit_arrays(T& t, Visit&& visit) {
   visit("networks", t.field.weights.span());
-  visit("networks_m", t.optimiser.network_m.span());
-  visit("networks_v", t.optimiser.network_v.span());
+  visit("networks_m", t.dense->m.span());
+  visit("networks_v", t.dense->v.span());
   visit("opacity", t.field.occupancy.training_state());
   visit("pixel_errors", t.errors.errors());
   visit("pixel_chances", t.errors.chances());
@@ -47,7 +47,9 @@ void visit_rows(T& t, Visit&& visit) {
 void GridTrainer::save_state(internal::ContainerWriter& file,
                              nlohmann::ordered_json& scalars) const {
   scalars["samples_per_ray"] = samples_per_ray;
-  visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
+  visit_arrays(*this, [&](const char* name, auto values) {
+    file.add(name, std::span<const typename decltype(values)::value_type>(values));
+  });
   visit_rows(*this, [&](const char* name, auto states) { file.add(name, states); });
   file.add(kLevels, field.occupancy.levels(), internal::SectionEncoding::kZlib);
 }
@@ -63,7 +65,7 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
   optimiser.give_weights(field);
   field.occupancy.set_levels(levels);
   samples_per_ray = scalars.number("samples_per_ray");
-  pack();
+  dense->pack(options.precision, pool);
 }
 
 }  // namespace nerf

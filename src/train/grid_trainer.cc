@@ -26,26 +26,23 @@ int cascades_of(const Scene& scene) {
 
 }  // namespace
 
-OptimiserState::OptimiserState(const GridField& field)
+TableState::TableState(const GridField& field)
     : rows(field.shape.rows),
       features(field.shape.features_per_entry()),
       table_gradient(field.shape.size()),
       marks(rows),
       row_states(kRowParts * field.shape.size()),
       listed(rows),
-      listed_count(field.shape.levels.size()),
-      network_gradient(field.weights.size()),
-      network_m(field.weights.size()),
-      network_v(field.weights.size()) {}
+      listed_count(field.shape.levels.size()) {}
 
-void OptimiserState::take_weights(const GridField& field) {
+void TableState::take_weights(const GridField& field) {
   const size_t f = static_cast<size_t>(features);
   for (size_t i = 0; i < field.half_table.size(); ++i)
     row_states[(i / f * kRowParts + kRowWeights) * f + i % f] =
         internal::half_to_float(field.half_table[i]);
 }
 
-void OptimiserState::give_weights(GridField& field) const {
+void TableState::give_weights(GridField& field) const {
   const size_t f = static_cast<size_t>(features);
   for (size_t i = 0; i < field.half_table.size(); ++i)
     field.half_table[i] = internal::float_to_half(
@@ -53,7 +50,7 @@ void OptimiserState::give_weights(GridField& field) const {
 }
 
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
-    : TrainerImpl(s, p, o, t),
+    : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
       optimiser(field),
@@ -70,7 +67,16 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   d_features = AlignedArray<Real>(features.size());
   densities = AlignedArray<Real>(columns);
   for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
-  for (int i = 0; i < kAccumulators; ++i) accumulators.emplace_back(field.weights.size());
+  std::vector<ParameterSection> sections;
+  const auto add = [&](const char* network, const std::vector<LinearWeights>& layers) {
+    for (size_t l = 0; l < layers.size(); ++l)
+      sections.push_back({"layer " + std::to_string(l + 1) + " of the " + network + " network",
+                          layers[l].offset, layers[l].offset + layers[l].size()});
+  };
+  add("density", field.density_layers);
+  add("colour", field.colour_layers);
+  dense = std::make_unique<DenseParameters>(field.weights.span(), field.layers(),
+                                            std::move(sections), kAccumulators);
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
   chunk_colours.resize(chunk_loss.size());
   chunk_kept.resize(chunk_loss.size());
@@ -78,11 +84,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
   initialise();
-  for (const auto& chunk : workers) chunk->packs = &packs;
-}
-
-void GridTrainer::pack() {
-  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
+  for (const auto& chunk : workers) chunk->packs = &dense->packs();
 }
 
 void GridTrainer::initialise() {
@@ -98,7 +100,7 @@ void GridTrainer::initialise() {
   switch_off_impossible_cells(scene, photos, options, pool, field.occupancy);
   if (!options.grid_recipe.keep_free) switch_off_free_space(scene, photos, pool, field.occupancy);
   field.occupancy.rebuild(static_cast<Real>(options.grid_recipe.occupancy_threshold), &pool);
-  pack();
+  dense->pack(options.precision, pool);
 }
 
 GridPoints GridTrainer::points_of(int64_t chunk) const {
@@ -106,61 +108,14 @@ GridPoints GridTrainer::points_of(int64_t chunk) const {
   return {batch.x.data() + at, batch.y.data() + at, batch.z.data() + at};
 }
 
-StepReport GridTrainer::step() {
-  Lap lap;
-  const uint64_t seed = options.seed ^ salt;
+void GridTrainer::draw() {
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
-  maker.fill(seed, done, rays, samples_per_cell_at(done), batch);
-  lap.into(profile.rays);
-
-  encode_batch();
-  lap.into(profile.encode);
-  const double network_before = profile.network, table_before = profile.scatter;
-  run_chunks();
-  lap.into(profile.network);
-  const double network = profile.network - network_before;
-
-  StepReport report;
-  for (int c = 0; c < batch.chunks; ++c) {
-    report.loss += chunk_loss[static_cast<size_t>(c)];
-    report.opacity += chunk_opacity[static_cast<size_t>(c)];
-    report.colours += chunk_colours[static_cast<size_t>(c)];
-    report.learning += chunk_kept[static_cast<size_t>(c)];
-  }
-  const double squared_error = mean_squared_error();
-  check_loss(report.loss + squared_error);
-  report.opacity /= static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
-  report.psnr = -10 * std::log10(std::max(squared_error, 1e-10));
-  report.rays = batch.rays_considered;
-  report.samples = batch.total_samples;
-  report.rate = rate_at(done);
-  update_networks();
-  lap.into(profile.update);
-  update_table();
-  report.rows =
-      std::accumulate(optimiser.listed_count.begin(), optimiser.listed_count.end(), int64_t{0});
-  lap.into(profile.scatter);
-
-  const double seen = static_cast<double>(batch.total_samples) /
-                      static_cast<double>(std::max<int64_t>(batch.rays_considered, 1));
-  const auto follow = [&](double& mean, double now) {
-    mean = done == 0 ? now : 0.8 * mean + 0.2 * now;
-  };
-  follow(samples_per_ray, seen);
-  follow(chunk_seconds, network);
-  follow(table_seconds, profile.scatter - table_before);
-  follow(colours_per_sample, static_cast<double>(report.colours) /
-                                 static_cast<double>(std::max<int64_t>(report.samples, 1)));
-  ++done;
-  refresh_occupancy();
-  lap.into(profile.occupancy);
-  report.step = done;
-  return report;
+  maker.fill(seed(), done, rays, samples_per_cell_at(done), batch);
 }
 
-void GridTrainer::encode_batch() {
+void GridTrainer::look_up() {
   const int64_t ld = kChunkSamples;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
   const int64_t rows = field.shape.features_per_entry();
@@ -173,7 +128,7 @@ void GridTrainer::encode_batch() {
                        });
 }
 
-void GridTrainer::run_chunks() {
+TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
   const int64_t ld = kChunkSamples;
   const int64_t rows = field.shape.features();
   const Real scale =
@@ -182,10 +137,8 @@ void GridTrainer::run_chunks() {
   const int64_t per = (batch.chunks + kAccumulators - 1) / kAccumulators;
   pool.parallel_for_thread(kAccumulators, [&](int64_t a, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    AlignedArray<Real>& sum = accumulators[static_cast<size_t>(a)];
-    std::fill(sum.begin(), sum.end(), 0.0_r);
     chunk.weights = field.weights.data();
-    chunk.weight_gradient = sum.data();
+    chunk.weight_gradient = dense->begin_sum(a);
     const int64_t end = std::min<int64_t>(batch.chunks, (a + 1) * per);
     for (int64_t c = a * per; c < end; ++c) {
       const size_t i = static_cast<size_t>(c);
@@ -193,7 +146,7 @@ void GridTrainer::run_chunks() {
       chunk.rays = batch.rays[i];
       chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
       chunk.loss = 0;
-      Random random(options.seed ^ salt, static_cast<uint64_t>(done),
+      Random random(seed(), static_cast<uint64_t>(done),
                     (uint64_t{1} << 61) + static_cast<uint64_t>(c));  // no ray has this number
       chunk.roulette.offset = static_cast<double>(random.uniform());
       chunk.bind(tape.features, features.data() + c * rows * ld, d_features.data() + c * rows * ld);
@@ -227,6 +180,17 @@ void GridTrainer::run_chunks() {
     }
     chunk.bind(tape.features, nullptr, nullptr);
   });
+
+  HeadSums sums{.squared_error = mean_squared_error()};
+  for (int c = 0; c < batch.chunks; ++c) {
+    report.loss += chunk_loss[static_cast<size_t>(c)];
+    sums.opacity += chunk_opacity[static_cast<size_t>(c)];
+    report.colours += chunk_colours[static_cast<size_t>(c)];
+    report.learning += chunk_kept[static_cast<size_t>(c)];
+  }
+  report.rays = batch.rays_considered;
+  report.samples = batch.total_samples;
+  return sums;
 }
 
 void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
@@ -250,22 +214,14 @@ void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
   }
 }
 
-void GridTrainer::update_networks() {
-  const size_t n = field.weights.size();
-  Real* gradient = optimiser.network_gradient.data();
-  std::fill_n(gradient, n, 0.0_r);
-  for (const auto& a : accumulators)
-    for (size_t i = 0; i < n; ++i) gradient[i] += a[i];
-  check_gradient();
-
+AdamStep GridTrainer::dense_step() const {
   AdamStep adam = adam_at(done);
   adam.rate *= static_cast<Real>(options.grid_recipe.network_rate);
-  adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
-             optimiser.network_v.data(), field.weights.data());
-  pack();
+  return adam;
 }
 
-void GridTrainer::update_table() {
+// The map of errors and the grid's cells have one owner each, so they share the work besides.
+void GridTrainer::scatter(StepReport& report) {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   const AdamStep step = adam_at(done);
@@ -308,18 +264,32 @@ void GridTrainer::update_table() {
     count = list_rows(level.entries, marks, list_of(l));
     if (at_once) adam(l, 0, count);
   });
-  if (at_once) return;
   constexpr int64_t kRows = 8192;
   for (int64_t l = 0; l < levels; ++l) {
     const int64_t count = optimiser.listed_count[static_cast<size_t>(l)];
+    report.rows += count;
+    if (at_once) continue;
     pool.parallel_for((count + kRows - 1) / kRows,
                       [&](int64_t i) { adam(l, i * kRows, std::min(kRows, count - i * kRows)); });
   }
 }
 
+void GridTrainer::observe(const StepReport& report, const PhaseSeconds& seconds) {
+  const double rays = static_cast<double>(std::max<int64_t>(report.rays, 1));
+  const double samples = static_cast<double>(report.samples);
+  const auto follow = [&](double& mean, double now) {
+    mean = done == 0 ? now : 0.8 * mean + 0.2 * now;
+  };
+  follow(samples_per_ray, samples / rays);
+  follow(chunk_seconds, seconds.head);
+  follow(table_seconds, seconds.scatter);
+  follow(colours_per_sample, static_cast<double>(report.colours) / std::max(samples, 1.0));
+}
+
 void GridTrainer::begin_anew() {
   samples_per_ray = 16;
-  optimiser = OptimiserState(field);
+  optimiser = TableState(field);
+  dense->forget();
   errors.reset();
   field.occupancy = OccupancyGrid(field.occupancy.cascades(), field.occupancy.side());
   initialise();

@@ -95,11 +95,8 @@ NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
 
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
-    : TrainerImpl(s, p, o, t),
+    : TrainerImpl(s, p, o, t, {Rise::kQuarterSine, Fall::kExponential, o.recipe.warmup_rate}),
       field(network_of(s, o), first_distance(s, o), last_distance(s, o), source.files()),
-      gradient(field.weights.size()),
-      m(field.weights.size()),
-      v(field.weights.size()),
       rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field.options), o.recipe.rays)),
       rays(static_cast<size_t>(o.recipe.rays)),
       drawn(rays.size()) {
@@ -107,36 +104,26 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   for (int i = 0; i < pool.size(); ++i)
     workers.push_back(std::make_unique<NetworkLevels>(field, rays_per_chunk, /*training=*/true,
                                                       losses_of(o.recipe)));
-  const int count = network_accumulators(field.weights.size());
-  for (int i = 0; i < count; ++i) accumulators.emplace_back(field.weights.size());
-  sums.resize(accumulators.size());
+  std::vector<ParameterSection> sections;
+  if (field.weights.size() > field.network_size())
+    sections.push_back({"the photos' codes", field.network_size(), field.weights.size()});
+  for (size_t k = 0; k < field.networks.size(); ++k)
+    sections.push_back({"network " + std::to_string(k + 1), field.networks[k].begin,
+                        field.networks[k].end, o.recipe.clip});
+  dense =
+      std::make_unique<DenseParameters>(field.weights.span(), field.layers(), std::move(sections),
+                                        network_accumulators(field.weights.size()));
+  sums.resize(static_cast<size_t>(dense->accumulators()));
   if (o.network.space == Space::kNdc) field.ndc = ndc_frame(s, p);
-  field.initialise(options.seed ^ salt);
-  pack();
-  for (const auto& levels : workers) levels->use_packs(&packs);
+  field.initialise(seed());
+  dense->pack(options.precision, pool);
+  for (const auto& levels : workers) levels->use_packs(&dense->packs());
 }
 
-void NetworkTrainer::pack() {
-  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
-}
-
-// Exponential fall (bmild/nerf: rate 0.1^(t / decay); mip-NeRF: log-linear), after a warm-up along
-// a quarter sine (mip-NeRF's math.py).
-Real NetworkTrainer::rate_at(int64_t step) const {
-  double rise = 1;
-  if (options.warmup_steps > 0) {
-    const double share =
-        std::min(1.0, static_cast<double>(step) / static_cast<double>(options.warmup_steps));
-    rise = std::lerp(options.recipe.warmup_rate, 1.0, std::sin(0.5 * 3.14159265358979 * share));
-  }
-  return static_cast<Real>(options.rate * rate_factor * rise *
-                           std::pow(options.final_rate, progress_at(step)));
-}
-
-void NetworkTrainer::draw_rays() {
+void NetworkTrainer::draw() {
   constexpr int64_t kBlock = 64;
   const NetworkRecipe& recipe = options.recipe;
-  const uint64_t seed = options.seed ^ salt, step = static_cast<uint64_t>(done);
+  const uint64_t seed = this->seed(), step = static_cast<uint64_t>(done);
   // Of the step, not of a ray: no ray has this number.
   const size_t photo = static_cast<size_t>(
       Random(seed, step, uint64_t{1} << 62).below(static_cast<uint64_t>(source.photos())));
@@ -155,13 +142,15 @@ void NetworkTrainer::draw_rays() {
         found =
             from_one ? source.draw_from(photo, random, share, pixel) : source.draw(random, pixel);
       std::optional<NetworkRay> cast;
-      if (found) cast = cast_ray(field, *pixel.camera, *pixel.pose, {pixel.x + 0.5, pixel.y + 0.5});
+      if (found) {
+        pixel.ray.radius = cast_radius(field, *pixel.camera, *pixel.pose, pixel.centre());
+        pixel.ray.background = background;
+        cast = sampled_ray(field, pixel.ray);
+      }
       drawn[static_cast<size_t>(i)] = cast.has_value();
       ray = cast.value_or(NetworkRay{});
       ray.random = random;
-      ray.background = background;
       if (!cast) continue;
-      ray.photo = source.file_of(pixel.source);
       ray.scale = pixel.weight;
       for (int k = 0; k < 3; ++k)
         ray.target[k] = pixel.rgb[k] * pixel.alpha + background[k] * (1 - pixel.alpha);
@@ -189,9 +178,9 @@ bool NetworkTrainer::skipping() const {
   return options.recipe.skip && workers[0]->can_skip() && dense_share < NetworkLevels::kSkipPays;
 }
 
-void NetworkTrainer::run_chunks() {
+TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
   const int64_t chunks = (static_cast<int64_t>(rays.size()) + rays_per_chunk - 1) / rays_per_chunk;
-  const int64_t count = static_cast<int64_t>(accumulators.size());
+  const int64_t count = dense->accumulators();
   const int64_t per = (chunks + count - 1) / count;
   const NetworkRecipe& recipe = options.recipe;
   const int64_t length =
@@ -202,8 +191,7 @@ void NetworkTrainer::run_chunks() {
   const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
     NetworkLevels& levels = *workers[static_cast<size_t>(thread)];
-    AlignedArray<Real>& sum = accumulators[static_cast<size_t>(a)];
-    std::fill(sum.begin(), sum.end(), 0.0_r);
+    Real* const gradient = dense->begin_sum(a);
     Sums& s = sums[static_cast<size_t>(a)];
     s = {};
     for (int64_t c = a * per; c < std::min(chunks, (a + 1) * per); ++c) {
@@ -213,7 +201,7 @@ void NetworkTrainer::run_chunks() {
       levels.forward(part, exponent, skip);
       s.dense += levels.dense_samples();
       s.all += levels.all_samples();
-      s.loss += levels.backward(sum.data());
+      s.loss += levels.backward(gradient);
       for (size_t r = 0; r < part.size(); ++r) {
         if (part[r].scale == 0) continue;
         Real rgb[3], opacity;
@@ -224,93 +212,45 @@ void NetworkTrainer::run_chunks() {
       }
     }
   });
-}
 
-// In the order of the accumulators, whatever thread filled them.
-void NetworkTrainer::reduce_gradient() {
-  constexpr int64_t kBlock = 4096;
-  const int64_t n = static_cast<int64_t>(gradient.size());
-  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
-    const int64_t begin = block * kBlock, end = std::min(n, begin + kBlock);
-    std::fill(gradient.data() + begin, gradient.data() + end, 0.0_r);
-    for (const AlignedArray<Real>& a : accumulators)
-      for (int64_t i = begin; i < end; ++i) gradient.data()[i] += a.data()[i];
-  });
-}
-
-void NetworkTrainer::clip_gradient() {
-  for (size_t i = field.network_size(); i < gradient.size(); ++i)
-    if (!std::isfinite(gradient[i]))
-      throw NonFiniteError("the gradient of the photos' codes at step " + std::to_string(done + 1) +
-                           " is not finite");
-  for (size_t k = 0; k < field.networks.size(); ++k) {
-    const RadianceNetwork& network = field.networks[k];
-    double square = 0;
-    for (size_t i = network.begin; i < network.end; ++i)
-      square += static_cast<double>(gradient[i]) * static_cast<double>(gradient[i]);
-    if (!std::isfinite(square))
-      throw NonFiniteError("the gradient of network " + std::to_string(k + 1) + " at step " +
-                           std::to_string(done + 1) + " is not finite");
-    const double norm = std::sqrt(square), most = options.recipe.clip;
-    if (!(most > 0) || norm <= most) continue;
-    const Real factor = static_cast<Real>(most / norm);
-    for (size_t i = network.begin; i < network.end; ++i) gradient[i] *= factor;
-  }
-}
-
-StepReport NetworkTrainer::step() {
-  Lap lap;
-  draw_rays();
-  lap.into(profile.rays);
-  run_chunks();
-  lap.into(profile.network);
-  StepReport report;
-  double squared_error = 0;
+  HeadSums out;
+  int64_t skipped = 0;
   for (const Sums& s : sums) {
     report.loss += s.loss;
-    squared_error += s.squared_error;
-    report.opacity += s.opacity;
+    out.squared_error += s.squared_error;
+    out.opacity += s.opacity;
+    skipped += s.all - s.dense;
   }
-  check_loss(report.loss);
   report.rays = std::ranges::count(drawn, uint8_t{1});
-  const double count = static_cast<double>(std::max<int64_t>(report.rays, 1));
-  report.opacity /= count;
-  report.psnr = -10 * std::log10(std::max(squared_error / (3 * count), 1e-10));
-  int64_t dense = 0, all = 0;
-  for (const Sums& s : sums) {
-    dense += s.dense;
-    all += s.all;
-  }
+  out.squared_error /= 3 * static_cast<double>(std::max<int64_t>(report.rays, 1));
   // Those that a network saw forward and backward.
   report.samples = report.rays * field.options.sampling.all_samples();
-  if (skipping()) report.samples -= all - dense;
-  reduce_gradient();
-  clip_gradient();
-  report.rate = static_cast<double>(rate_at(done));
+  if (skip) report.samples -= skipped;
+  return out;
+}
+
+AdamStep NetworkTrainer::dense_step() const {
   AdamStep adam;
   adam.rate = rate_at(done);
   adam.beta2 = static_cast<Real>(options.recipe.beta2);
   adam.epsilon = static_cast<Real>(options.recipe.epsilon);
-  constexpr int64_t kBlock = 1 << 16;
-  const int64_t n = static_cast<int64_t>(gradient.size());
-  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
-    const int64_t at = block * kBlock;
-    adam_dense(adam, done + 1, std::min(kBlock, n - at), gradient.data() + at, m.data() + at,
-               v.data() + at, field.weights.data() + at);
-  });
-  pack();
-  lap.into(profile.update);
-  dense_share = all > 0 ? static_cast<double>(dense) / static_cast<double>(all) : 1;
-  report.step = ++done;
-  return report;
+  return adam;
+}
+
+void NetworkTrainer::observe(const StepReport& /*report*/, const PhaseSeconds& /*seconds*/) {
+  int64_t dense_samples = 0, all = 0;
+  for (const Sums& s : sums) {
+    dense_samples += s.dense;
+    all += s.all;
+  }
+  dense_share = all > 0 ? static_cast<double>(dense_samples) / static_cast<double>(all) : 1;
 }
 
 void NetworkTrainer::begin_anew() {
   dense_share = 1;
-  std::fill(m.begin(), m.end(), 0.0_r);
-  std::fill(v.begin(), v.end(), 0.0_r);
-  field.initialise(options.seed ^ salt);
-  pack();
+  dense->forget();
+  field.initialise(seed());
+  dense->pack(options.precision, pool);
 }
 
 RadianceField NetworkTrainer::snapshot(ModelInfo info) const {
@@ -326,8 +266,8 @@ namespace {
 template <class T, class Visit>
 void visit_arrays(T& t, Visit&& visit) {
   visit("networks", t.field.weights.span());
-  visit("networks_m", t.m.span());
-  visit("networks_v", t.v.span());
+  visit("networks_m", t.dense->m.span());
+  visit("networks_v", t.dense->v.span());
 }
 
 }  // namespace
@@ -335,14 +275,16 @@ void visit_arrays(T& t, Visit&& visit) {
 void NetworkTrainer::save_state(internal::ContainerWriter& file,
                                 nlohmann::ordered_json& scalars) const {
   scalars["dense_share"] = dense_share;
-  visit_arrays(*this, [&](const char* name, auto values) { file.add(name, values); });
+  visit_arrays(*this, [&](const char* name, auto values) {
+    file.add(name, std::span<const typename decltype(values)::value_type>(values));
+  });
 }
 
 void NetworkTrainer::load_state(const internal::ContainerReader& file,
                                 const internal::JsonFields& scalars) {
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   dense_share = scalars.number("dense_share");
-  pack();
+  dense->pack(options.precision, pool);
 }
 
 }  // namespace nerf

@@ -21,27 +21,21 @@ struct NetworkTrainer final : TrainerImpl {
   NetworkTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
                  ThreadPool& pool);
 
-  StepReport step() override;
+  void draw() override;
+  HeadSums head(StepReport& report) override;
+  AdamStep dense_step() const override;
+  void observe(const StepReport& report, const PhaseSeconds& seconds) override;
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;
 
-  Real rate_at(int64_t step) const;
-  void pack();
-  void draw_rays();
   bool skipping() const;  // in the step to come
-  void run_chunks();
-  void reduce_gradient();
-  void clip_gradient();
 
   NetworkField field;
-  AlignedArray<Real> gradient, m, v;
-  LayerPacks packs;  // of the weights
   int rays_per_chunk;
   std::vector<std::unique_ptr<NetworkLevels>> workers;  // one per thread
-  std::vector<AlignedArray<Real>> accumulators;
   std::vector<NetworkRay> rays;
   std::vector<uint8_t> drawn;  // whether a ray's draw gave a pixel
   struct Sums {

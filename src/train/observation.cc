@@ -61,7 +61,7 @@ double GridTrainer::mean_squared_error() const {
 }
 
 // One random point in one cell of every group of `group` cells.
-void GridTrainer::refresh_occupancy() {
+void GridTrainer::refresh() {
   constexpr int64_t kInterval = 16, kMostPoints = 1 << 17;
   if (done % kInterval != 0) return;
   const bool whole = done == 32 || done == 64 || done == 128 || done == 256;
@@ -77,7 +77,7 @@ void GridTrainer::refresh_occupancy() {
     int64_t cell[kBlock];
     int n = 0;
     for (int64_t i = block * kBlock; i < std::min(points, (block + 1) * kBlock); ++i) {
-      Random random(options.seed ^ salt, static_cast<uint64_t>(done) | uint64_t{1} << 62,
+      Random random(seed(), static_cast<uint64_t>(done) | uint64_t{1} << 62,
                     static_cast<uint64_t>(i));
       const int64_t at =
           i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));

@@ -24,6 +24,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     const View& view = scene.views[static_cast<size_t>(v)];
     poses_.push_back(scene.to_engine.apply(view.pose));
     near_.push_back(near[static_cast<size_t>(v)]);
+    times_.push_back(static_cast<Real>(view.time));
     const std::filesystem::path file =
         view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
     files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
@@ -120,13 +121,14 @@ bool PixelSource::cast(Pixel& out) const {
   const Photo& photo = *out.photo;
   photo.prefetch(out.x, out.y);
   out.camera = &photos_.cameras[view];
-  out.pose = &poses_[i];
   out.weight = weights_[i];
-  const auto direction = unproject(*out.camera, out.centre());
-  if (!direction) return false;
-  out.ray.origin = poses_[i].translation;
-  out.ray.direction = normalized(poses_[i].rotation * *direction);
+  out.pose = &poses_[i];
+  const auto ray = camera_ray(*out.camera, poses_[i], out.centre());
+  if (!ray) return false;
+  out.ray = *ray;
   out.ray.near = near_[i];
+  out.ray.time = times_[i];
+  out.ray.photo = files_[i];
   return true;
 }
 

@@ -41,8 +41,7 @@ class PixelSource {
   // A pixel of the i-th training photo, from the middle `share` of its width and height.
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
   size_t photos() const { return views_.size(); }
-  // The i-th photo's number among those of different files: the same at every scale.
-  int file_of(size_t i) const { return files_[i]; }
+  // Photos of different files: Ray::photo is one of them, the same at every scale.
   int files() const { return file_count_; }
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
@@ -63,10 +62,11 @@ class PixelSource {
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
   std::vector<Real> weights_;            // of each photo's pixels
-  std::vector<int> files_;               // see file_of()
+  std::vector<int> files_;               // see Ray::photo
   int file_count_ = 0;
   double mean_weight_ = 1;
   std::vector<double> near_;  // engine units; no sample closer to the camera
+  std::vector<Real> times_;   // see Ray::time
 };
 
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,

@@ -34,12 +34,15 @@ class Hash {
 }  // namespace
 
 SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
-  Hash names, sizes, split, cameras, poses, frame;
+  Hash names, sizes, split, cameras, poses, times, frame;
+  bool timed = false;
   for (size_t i = 0; i < scene.views.size(); ++i) {
     const View& view = scene.views[i];
     names.add(view.name);
     poses.add(view.pose.rotation);
     poses.add(view.pose.translation);
+    times.add(view.time);
+    timed |= view.time != 0;
     const Photo& photo = photos.photos[i];
     for (const int x : {photo.width, photo.height, photo.channels})
       sizes.add(static_cast<uint64_t>(x));
@@ -59,12 +62,14 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
   if (scene.published_near > 0) frame.add(scene.published_near);
   frame.add(uint64_t{scene.unbounded});
   frame.add(uint64_t{scene.alpha});
-  return {{"names of the images", names.text()},
-          {"sizes of the photos", sizes.text()},
-          {"split into training and test", split.text()},
-          {"cameras", cameras.text()},
-          {"poses", poses.text()},
-          {"region and up direction", frame.text()}};
+  SceneFingerprint all{{"names of the images", names.text()},
+                       {"sizes of the photos", sizes.text()},
+                       {"split into training and test", split.text()},
+                       {"cameras", cameras.text()},
+                       {"poses", poses.text()},
+                       {"region and up direction", frame.text()}};
+  if (timed) all.emplace_back("times", times.text());
+  return all;
 }
 
 }  // namespace nerf::internal

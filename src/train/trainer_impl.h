@@ -1,24 +1,60 @@
-// What every trainer has: a scene, options, the clock of its steps. One class per kind of field
-// derives from it.
+// One step in phases, the same for every method. What every trainer has: a scene, options, the
+// clock of its steps, dense parameters. One class per kind of field derives from it.
 #pragma once
 
+#include <memory>
 #include <nlohmann/json_fwd.hpp>
+#include <span>
 
 #include "base/container.h"
 #include "model/json_fields.h"
 #include "nerf/train/trainer.h"
+#include "train/parameters.h"
+#include "train/rate_schedule.h"
 #include "train/ray_batch.h"
 
 namespace nerf {
 
 struct TrainerImpl {
   TrainerImpl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
-              ThreadPool& pool)
-      : scene(scene), photos(photos), options(options), pool(pool), source(scene, photos) {}
+              ThreadPool& pool, const RateSchedule& schedule)
+      : scene(scene),
+        photos(photos),
+        options(options),
+        pool(pool),
+        schedule(schedule),
+        source(scene, photos) {}
   virtual ~TrainerImpl() = default;
 
-  virtual StepReport step() = 0;
-  // See Trainer::late_saving_seconds().
+  StepReport step();
+
+  // The phases of a step, in their order. A method leaves out what it does not need.
+  //
+  // Draws rays and, where samples do not depend on the networks, places them.
+  virtual void draw() = 0;
+  // Looks the samples up in a table.
+  virtual void look_up() {}
+  // Chunk by chunk: networks, loss, and back. Gradients of dense parameters go to accumulators,
+  // those of features to the rows of the table. Fills in the report's sums: loss, samples, rays,
+  // colours, learning; psnr and opacity are left to head_sums.
+  struct HeadSums {
+    double squared_error = 0;  // mean over pixels and channels, of all photos' pixels
+    double opacity = 0;        // summed over the report's rays
+  };
+  virtual HeadSums head(StepReport& report) = 0;
+  // Of the dense parameters, for the step to come.
+  virtual AdamStep dense_step() const = 0;
+  // Gradient of the table's rows, and their step of Adam. Fills in the report's rows.
+  virtual void scatter(StepReport& /*report*/) {}
+  // Takes in what the step has seen, `seconds` being what its head and its scatter took.
+  struct PhaseSeconds {
+    double head = 0, scatter = 0;
+  };
+  virtual void observe(const StepReport& /*report*/, const PhaseSeconds& /*seconds*/) {}
+  // Behind the step, which is counted by now.
+  virtual void refresh() {}
+
+  // What a step takes less at the end of the plan (run_speed.h); none where steps stay as they are.
   virtual double late_saving_seconds() { return 0; }
   virtual double late_saving_share(int64_t /*steps*/) const { return 0; }
   // The first weights (of the salt in force) and an optimiser without memory.
@@ -32,14 +68,18 @@ struct TrainerImpl {
                           const internal::JsonFields& scalars) = 0;
 
   double progress_at(int64_t step) const { return options.plan().progress_at(step); }
-  // Throws NonFiniteError that names the step (health.cc).
-  void check_loss(double loss) const;
+  Real rate_at(int64_t step) const {
+    return schedule.at(options, step, progress_at(step), rate_factor);
+  }
+  uint64_t seed() const { return options.seed ^ salt; }
 
   const Scene& scene;
   const PhotoSet& photos;
   TrainOptions options;
   ThreadPool& pool;
+  RateSchedule schedule;
   PixelSource source;
+  std::unique_ptr<DenseParameters> dense;  // made by the method, whose field has the weights
 
   int64_t done = 0;
   uint64_t salt = 0;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <map>
 #include <numeric>
 #include <span>
 #include <utility>
@@ -144,16 +146,18 @@ class Carver {
   // Of the cubes to begin with: what a grid's side is a multiple of.
   static constexpr int kSide = 16;
 
-  // tables: of each eye, or none.
+  // eyes: all of one moment. tables: of each eye, or none. Counts in `off` (of the cascade's cells)
+  // how often a cell was found to be off.
   Carver(std::span<const Eye> eyes, std::span<const AlphaTable> tables, bool keep_unseen,
-         int cascade, OccupancyGrid& grid)
+         const OccupancyGrid& grid, int cascade, std::span<uint16_t> off)
       : eyes_(eyes),
         tables_(tables),
         keep_unseen_(keep_unseen),
         agreement_(matte_agreement(eyes.size())),
         cascade_(cascade),
         last_(tables.empty() ? 4 : 1),
-        grid_(grid) {}
+        grid_(grid),
+        off_(off) {}
 
   void carve(const std::array<int, 3>& at) {
     std::vector<int> all(eyes_.size());
@@ -216,15 +220,23 @@ class Carver {
     for (int z = at[2]; z < at[2] + side; ++z)
       for (int y = at[1]; y < at[1] + side; ++y)
         for (int x = at[0]; x < at[0] + side; ++x)
-          grid_.switch_off(cascade_, grid_.cell_at({x, y, z}));
+          ++off_[static_cast<size_t>(grid_.cell_at({x, y, z}))];
   }
 
   std::span<const Eye> eyes_;
   std::span<const AlphaTable> tables_;
   bool keep_unseen_;
   int agreement_, cascade_, last_;
-  OccupancyGrid& grid_;
+  const OccupancyGrid& grid_;
+  std::span<uint16_t> off_;
   std::array<std::vector<int>, 5> undecided_;  // of cubes of 16, 8, 4, 2 and 1 cells
+};
+
+// The eyes of one moment, and their photos and tables where alpha carves.
+struct Moment {
+  std::vector<Eye> eyes;
+  std::vector<const Photo*> photos;
+  std::vector<AlphaTable> tables;
 };
 
 }  // namespace
@@ -232,33 +244,45 @@ class Carver {
 void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                                  const TrainOptions& options, ThreadPool& pool,
                                  OccupancyGrid& grid) {
-  std::vector<Eye> eyes;
-  std::vector<size_t> views;
-  for (int v : scene.train) {
+  const bool carves = scene.alpha && !options.grid_recipe.keep_transparent;
+  const bool keep_unseen = options.grid_recipe.keep_unseen;
+  if (keep_unseen && !carves) return;
+  std::map<double, Moment> moments;  // where alpha carves; else all in one
+  for (const int v : scene.train) {
+    const View& view = scene.views[static_cast<size_t>(v)];
     // The same photo at another size is not another one's agreement.
-    if (scene.views[static_cast<size_t>(v)].scale > 1) continue;
-    views.push_back(static_cast<size_t>(v));
-    eyes.push_back(make_eye(scene.to_engine.apply(scene.views[static_cast<size_t>(v)].pose),
-                            photos.cameras[static_cast<size_t>(v)]));
+    if (view.scale > 1) continue;
+    Moment& moment = moments[carves ? view.time : 0];
+    moment.eyes.push_back(
+        make_eye(scene.to_engine.apply(view.pose), photos.cameras[static_cast<size_t>(v)]));
+    if (!carves) continue;
+    moment.photos.push_back(&photos.photos[static_cast<size_t>(v)]);
+    moment.tables.emplace_back();
   }
-  std::vector<AlphaTable> tables;
-  if (scene.alpha && !options.grid_recipe.keep_transparent) {
-    tables.resize(eyes.size());
-    pool.parallel_for(static_cast<int64_t>(tables.size()), [&](int64_t i) {
-      tables[static_cast<size_t>(i)] = AlphaTable(photos.photos[views[static_cast<size_t>(i)]]);
-    });
-  }
-  if (options.grid_recipe.keep_unseen && tables.empty()) return;
+  std::vector<std::pair<const Photo*, AlphaTable*>> tables;
+  for (auto& [time, moment] : moments)
+    for (size_t i = 0; i < moment.tables.size(); ++i)
+      tables.emplace_back(moment.photos[i], &moment.tables[i]);
+  pool.parallel_for(static_cast<int64_t>(tables.size()), [&](int64_t i) {
+    const auto& [photo, table] = tables[static_cast<size_t>(i)];
+    *table = AlphaTable(*photo);
+  });
 
   const int cubes = grid.side() / Carver::kSide;
-  const int64_t cubes_of_cascade = int64_t{cubes} * cubes * cubes;
-  pool.parallel_for(grid.cascades() * cubes_of_cascade, [&](int64_t i) {
-    const int at = static_cast<int>(i % cubes_of_cascade);
-    Carver(eyes, tables, options.grid_recipe.keep_unseen, static_cast<int>(i / cubes_of_cascade),
-           grid)
-        .carve({at % cubes * Carver::kSide, at / cubes % cubes * Carver::kSide,
-                at / cubes / cubes * Carver::kSide});
-  });
+  std::vector<uint16_t> off(static_cast<size_t>(grid.cells()));
+  for (int cascade = 0; cascade < grid.cascades(); ++cascade) {
+    std::ranges::fill(off, uint16_t{0});
+    pool.parallel_for(int64_t{cubes} * cubes * cubes, [&](int64_t i) {
+      const int at = static_cast<int>(i);
+      for (const auto& [time, moment] : moments)
+        Carver(moment.eyes, moment.tables, keep_unseen, grid, cascade, off)
+            .carve({at % cubes * Carver::kSide, at / cubes % cubes * Carver::kSide,
+                    at / cubes / cubes * Carver::kSide});
+    });
+    // What was empty at one moment may have held matter at another.
+    for (int64_t i = 0; i < grid.cells(); ++i)
+      if (off[static_cast<size_t>(i)] == moments.size()) grid.switch_off(cascade, i);
+  }
 }
 
 }  // namespace nerf

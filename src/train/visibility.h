@@ -17,7 +17,8 @@ inline int matte_agreement(size_t photos) { return 1 + (photos >= 10) + (photos 
 // Switches off the cells that no training camera sees (unless options.grid_recipe.keep_unseen), and
 // with alpha those outside the visual hull (unless options.grid_recipe.keep_transparent): what
 // matte_agreement() photos show as wholly transparent, or all that see it, is empty (the footprint
-// of a cell is taken generously).
+// of a cell is taken generously). Of a capture of several moments, what photos of each moment that
+// sees it show so.
 void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                                  const TrainOptions& options, ThreadPool& pool,
                                  OccupancyGrid& grid);

@@ -70,7 +70,7 @@ TEST(RenderFrames, JoinsTheEyes) {
     double last = 0;
     const auto files = render_frames(
         plan, folder.path(),
-        [&](const Camera& camera, const Pose& pose, bool preview,
+        [&](const Camera& camera, const Pose& pose, double, bool preview,
             const std::function<void(double)>& report) {
           if (!preview) {
             EXPECT_GE(pose.translation.x, last);
@@ -104,7 +104,7 @@ TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
   int previews = 0, frames = 0;
   const auto files = render_frames(
       plan_of({"a.png", "s/b.png", "c.png"}), out,
-      [&](const Camera& camera, const Pose& pose, bool preview,
+      [&](const Camera& camera, const Pose& pose, double, bool preview,
           const std::function<void(double)>& report) {
         ++(preview ? previews : frames);
         if (report) report(0.5);
@@ -155,7 +155,7 @@ TEST(RenderFrames, AStopLeavesWholeFramesOnly) {
     int frame = 0;
     const auto files = render_frames(
         plan_of({"a.png", "b.png", "c.png"}), folder.path(),
-        [&](const Camera& camera, const Pose& pose, bool preview,
+        [&](const Camera& camera, const Pose& pose, double, bool preview,
             const std::function<void(double)>&) {
           if (!preview && ++frame == 2) {
             cancel.request();

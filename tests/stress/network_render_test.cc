@@ -18,6 +18,7 @@
 #include "stress/stress_field.h"
 #include "stress/views.h"
 #include "support/network_options.h"
+#include "support/network_rays.h"
 
 namespace nerf::stress {
 namespace {
@@ -130,7 +131,8 @@ TEST(StressNetworkRender, WeightsOfEveryRayAddUpToAtMostOne) {
           SCOPED_TRACE(m.name + ", " + content.name + ", " + v.name);
           std::vector<NetworkRay> rays;
           for (int i = 0; i < 9; ++i)
-            if (const auto ray = cast_ray(field, v.camera, v.pose, {i % 3 + 0.5, i / 3 + 0.5}))
+            if (const auto ray =
+                    test::network_ray(field, v.camera, v.pose, {i % 3 + 0.5, i / 3 + 0.5}))
               rays.push_back(*ray);
           if (rays.empty()) continue;
           levels.forward(rays, 1);
@@ -257,7 +259,8 @@ TEST(StressNetworkRender, PointsEndInAWallFromEverywhere) {
           const Frame frame = render(field, v.camera, v.pose, {}, pool);
           for (int i = 0; i < 3 * 3; ++i) {
             const bool met =
-                cast_ray(*network, v.camera, v.pose, {i % 3 + 0.5, i / 3 + 0.5}).has_value();
+                test::network_ray(*network, v.camera, v.pose, {i % 3 + 0.5, i / 3 + 0.5})
+                    .has_value();
             ASSERT_NEAR(frame.alpha[static_cast<size_t>(i)], density > 0 && met,
                         kPixelErrorInHalves)
                 << "pixel " << i;

@@ -1,6 +1,7 @@
 // Rays of paper methods through the origin, as NetworkLevels takes them.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "nerf/math/random.h"
@@ -26,6 +27,15 @@ inline std::vector<NetworkRay> some_rays(int count, Real distance) {
     rays.push_back(ray);
   }
   return rays;
+}
+
+// The ray of a camera's pixel as the field samples it.
+inline std::optional<NetworkRay> network_ray(const NetworkField& field, const Camera& camera,
+                                             const Pose& pose, const Vec2d& pixel) {
+  auto ray = camera_ray(camera, pose, pixel);
+  if (!ray) return std::nullopt;
+  ray->radius = cast_radius(field, camera, pose, pixel);
+  return sampled_ray(field, *ray);
 }
 
 }  // namespace nerf::test

@@ -292,6 +292,33 @@ TEST(Visibility, MaskedOutPixelsSayNothing) {
   EXPECT_LT(off, grid.cells());
 }
 
+// What leaves the scene at the capture's second moment was there at its first.
+TEST(Visibility, KeepsWhatWasThereAtOneMoment) {
+  auto c = test::sphere_capture(12, 64);
+  for (size_t i = 0; i < c.scene.views.size(); i += 2) {
+    Photo& photo = c.photos.photos[i];
+    for (size_t p = 3; p < photo.pixels8.size(); p += 4) photo.pixels8[p] = 0;
+    c.scene.views[i].time = 1;
+  }
+  const OccupancyGrid moving = carved(c);
+  int64_t inside = 0, outside = 0;
+  for (int64_t i = 0; i < moving.cells(); ++i) {
+    const Vec3 p = moving.cell_corner(i, 0);
+    const double distance = length(p.cast<double>());
+    if (distance < 0.9 * test::kSphereRadius) {
+      ASSERT_FALSE(moving.is_off(0, i));
+      ++inside;
+    }
+    outside += distance > 1.5 * test::kSphereRadius && moving.is_off(0, i);
+  }
+  EXPECT_GT(inside, 100);
+  EXPECT_GT(outside, 1000);
+  // As one moment, the photos without the sphere would outvote it.
+  for (View& view : c.scene.views) view.time = 0;
+  const OccupancyGrid still = carved(c);
+  EXPECT_TRUE(still.is_off(0, still.cell_of({0, 0, 0}, 0)));
+}
+
 TEST(Visibility, SameForAnyNumberOfThreads) {
   const auto c = test::sphere_capture(8, 64);
   const OccupancyGrid one = carved(c, {}, 1), three = carved(c, {}, 3);

@@ -1,4 +1,4 @@
-// From a camera's pixel to a ray of a network field.
+// A ray in the space that a network field samples.
 #pragma once
 
 #include <limits>
@@ -7,6 +7,7 @@
 #include "nerf/base/real.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/random.h"
+#include "nerf/math/ray.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/network_field.h"
 
@@ -31,19 +32,22 @@ struct NetworkRay {
   Random random{0, 0, 0};
 };
 
-// The ray through an image point (pixels); pose is camera-to-engine, moved to where the ray begins
-// (ray_pose() of math/camera.h). Background, target, scale and random are left for the caller. No
-// value where the lens has no ray there, or where it does not go forward in normalised device
-// coordinates.
-std::optional<NetworkRay> cast_ray(const NetworkField& field, const Camera& camera,
-                                   const Pose& pose, const Vec2d& pixel);
+// What Ray::radius is with this field: of the pixel's cone, of its cylinder in normalised device
+// coordinates (see NetworkRay), or 0 where the field casts no cones. camera_to_engine: as
+// ray_pose() takes it.
+Real cast_radius(const NetworkField& field, const Camera& camera, const Pose& camera_to_engine,
+                 const Vec2d& pixel);
 
-// Distance in engine units of a t along the ray.
-double ray_distance(const NetworkField& field, const Pose& pose, const NetworkRay& ray, double t);
+// The ray there; radius, photo and background are the given one's. Target, scale, random and what
+// is drawn of it are left for the caller. No value where it does not go forward in normalised
+// device coordinates.
+std::optional<NetworkRay> sampled_ray(const NetworkField& field, const Ray& ray);
+
+// Distance in engine units of a t along the sampled ray.
+double ray_distance(const NetworkField& field, const Ray& ray, double t);
 
 // The t of a distance in engine units: the other way round. Below 0 before the near plane of
 // normalised device coordinates.
-double ray_parameter(const NetworkField& field, const Pose& pose, const NetworkRay& ray,
-                     double distance);
+double ray_parameter(const NetworkField& field, const Ray& ray, double distance);
 
 }  // namespace nerf

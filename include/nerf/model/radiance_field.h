@@ -46,9 +46,10 @@ class RadianceField {
   // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the grid method's
   // density is 0 outside the trained region and in cells that are known to be empty; a paper
   // method's is that of its last level. In normalised device coordinates a density depends on the
-  // direction, along which the cube's unit is so long or short; behind their camera it is 0.
+  // direction, along which the cube's unit is so long or short; behind their camera it is 0. `time`
+  // in [0, 1]; a static field is the same at any.
   void query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
-             std::span<Real> density, std::span<Real> rgb, ThreadPool& pool) const;
+             std::span<Real> density, std::span<Real> rgb, ThreadPool& pool, Real time = 0) const;
 
  private:
   ModelInfo info_;

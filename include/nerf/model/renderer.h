@@ -26,6 +26,7 @@ struct RenderOptions {
   bool unclipped = false;    // true samples every occupied cell, whatever is cached of it,
                              // without min_transmittance and what counts samples
   std::optional<Box3> bbox;  // input coordinates; nothing outside it is drawn
+  Real time = 0;             // Ray::time of every ray
   // A ray stops where the cached density lets less through, whatever it stopped at in training;
   // 0: nowhere.
   Real min_transmittance = 1e-6_r;

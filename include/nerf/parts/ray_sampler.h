@@ -9,18 +9,11 @@
 #include "nerf/base/aligned.h"
 #include "nerf/base/real.h"
 #include "nerf/math/random.h"
+#include "nerf/math/ray.h"
 #include "nerf/math/vec.h"
 #include "nerf/parts/occupancy.h"
 
 namespace nerf {
-
-// Engine coordinates; direction of unit length, so that t is Euclidean distance.
-struct Ray {
-  Vec3d origin;
-  Vec3d direction;
-  double near = 0, far = 1e30;  // samples only in between
-  double clear = 0;             // the caller knows of no matter before it (clear_until() of a beam)
-};
 
 // Narrows [t0, t1] to the ray's passage through a box; false where it misses.
 bool clip_to_box(const Ray& ray, const Box3& box, double& t0, double& t1);
