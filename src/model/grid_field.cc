@@ -149,11 +149,7 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
     weight_gradient = tape.input(1, Domain::kSamples);
     add_gradient(tape, image.weights, weight_gradient);
   }
-  if (training) {
-    target = tape.input(3, Domain::kRays);
-    scale = tape.input(1, Domain::kRays);
-    huber_loss(tape, image.pixel, target, scale, losses.huber_delta);
-  }
+  if (training) pixel_loss = record_pixel_loss(tape, image.pixel, losses.pixel);
   tape.plan();
 }
 

@@ -261,14 +261,7 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
     pixel = accumulate(tape, weights, colour, background);
   }
   if (purpose == Purpose::kTrain) {
-    if (pixel >= 0) {
-      target = tape.input(3, Domain::kRays);
-      scale = tape.input(1, Domain::kRays);
-      if (losses.charbonnier > 0)
-        charbonnier_loss(tape, pixel, target, scale, losses.charbonnier);
-      else
-        squared_loss(tape, pixel, target, scale);
-    }
+    if (pixel >= 0) pixel_loss = record_pixel_loss(tape, pixel, losses.pixel);
     if (losses.on_weights) {
       weight_gradient = tape.input(1, Domain::kSamples);
       add_gradient(tape, weights, weight_gradient);

@@ -14,7 +14,7 @@ namespace {
 NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool last, bool training) {
   NetworkTape::Losses out;
   out.colour = last || losses.coarse > 0;
-  out.charbonnier = losses.charbonnier;
+  out.pixel = losses.pixel;
   out.on_weights = last ? losses.distortion > 0 : losses.interlevel > 0;
   out.density_noise = training && losses.density_noise > 0;
   return out;
@@ -185,6 +185,31 @@ void NetworkLevels::pixel(int ray, Real rgb[3], Real& opacity) const {
   const Real* pixel = last.chunk.data(last.tape.pixel) + ray;
   for (int k = 0; k < 3; ++k) rgb[k] = pixel[k * lr];
   opacity = pixel[3 * lr];
+}
+
+int NetworkLevels::renderings() const {
+  return static_cast<int>(
+      std::ranges::count_if(levels_, [](const auto& level) { return level->tape.pixel >= 0; }));
+}
+
+NetworkLevels::Level& NetworkLevels::rendering_level(int rendering) const {
+  for (const auto& level : levels_)
+    if (level->tape.pixel >= 0 && rendering-- == 0) return *level;
+  NERF_CHECK(false);
+  return *levels_.back();
+}
+
+void NetworkLevels::rendered(int rendering, int ray, Real rgba[4]) const {
+  const Level& level = rendering_level(rendering);
+  const int64_t lr = level.chunk.stride(level.tape.pixel);
+  for (int k = 0; k < 4; ++k) rgba[k] = level.chunk.data(level.tape.pixel)[k * lr + ray];
+}
+
+void NetworkLevels::set_gradient(int rendering, int ray, const Real rgba[4]) {
+  Level& level = rendering_level(rendering);
+  const Value gradient = level.tape.pixel_loss.gradient;
+  const int64_t lr = level.chunk.stride(gradient);
+  for (int k = 0; k < 4; ++k) level.chunk.data(gradient)[k * lr + ray] = rgba[k];
 }
 
 std::span<const Real> NetworkLevels::weights(int level, int ray) const {

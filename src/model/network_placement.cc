@@ -61,9 +61,9 @@ void NetworkLevels::place_rays(Level& level) {
       c.data(tape.background)[k * lr + r] = ray.background[k];
     }
     if (tape.photo >= 0) c.data(tape.photo)[r] = static_cast<Real>(ray.photo);
-    if (!training_ || tape.pixel < 0) continue;
-    for (int k = 0; k < 3; ++k) c.data(tape.target)[k * lr + r] = ray.target[k];
-    c.data(tape.scale)[r] = ray.scale * (last ? 1.0_r : losses_.coarse);
+    if (!training_ || tape.pixel_loss.target < 0) continue;
+    for (int k = 0; k < 3; ++k) c.data(tape.pixel_loss.target)[k * lr + r] = ray.target[k];
+    c.data(tape.pixel_loss.scale)[r] = ray.scale * (last ? 1.0_r : losses_.coarse);
   }
 }
 

@@ -2,16 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <limits>
-#include <numeric>
+#include <string>
 
 #include "base/half.h"
 #include "nerf/model/level_order.h"
-#include "nerf/parts/losses.h"
 #include "train/finest_resolution.h"
 #include "train/free_space.h"
-#include "train/lap.h"
 #include "train/visibility.h"
 
 namespace nerf {
@@ -54,11 +50,6 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       distortion(distortion_weight(o, s)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
       optimiser(field),
-      tape(field, /*training=*/true,
-           {static_cast<Real>(o.grid_recipe.huber_delta), /*on_weights=*/distortion > 0,
-            static_cast<Real>(o.grid_recipe.shared_colour),
-            static_cast<Real>(o.grid_recipe.stop_transmittance),
-            static_cast<Real>(o.grid_recipe.gradient_roulette)}),
       errors(p, s.train, static_cast<Real>(o.grid_recipe.error_guidance)),
       maker(source, errors, field, distortion > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
@@ -66,7 +57,6 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
   d_features = AlignedArray<Real>(features.size());
   densities = AlignedArray<Real>(columns);
-  for (int i = 0; i < pool.size(); ++i) workers.push_back(std::make_unique<Chunk>(tape.tape));
   std::vector<ParameterSection> sections;
   const auto add = [&](const char* network, const std::vector<LinearWeights>& layers) {
     for (size_t l = 0; l < layers.size(); ++l)
@@ -84,7 +74,8 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
   initialise();
-  for (const auto& chunk : workers) chunk->packs = &dense->packs();
+  const PixelLoss pixel = PixelLoss::huber(static_cast<Real>(o.grid_recipe.huber_delta));
+  own_head = std::make_unique<GridHead>(field, losses(pixel), *dense, pool);
 }
 
 void GridTrainer::initialise() {
@@ -108,7 +99,16 @@ GridPoints GridTrainer::points_of(int64_t chunk) const {
   return {batch.x.data() + at, batch.y.data() + at, batch.z.data() + at};
 }
 
+// However long its rays are, a chunk holds as many of the longest.
+int64_t GridTrainer::most_rays() const {
+  return int64_t{batch.max_chunks} * (kChunkSamples / options.grid.sampler.max_samples);
+}
+
 void GridTrainer::draw() {
+  batch.lists = open;
+  if (!given.empty())
+    return maker.fill(seed(), done, static_cast<int64_t>(given.size()), samples_per_cell_at(done),
+                      given, batch);
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
@@ -128,90 +128,9 @@ void GridTrainer::look_up() {
                        });
 }
 
-TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
-  const int64_t ld = kChunkSamples;
-  const int64_t rows = field.shape.features();
-  const Real scale =
-      static_cast<Real>(1 / (3 * source.mean_weight() *
-                             static_cast<double>(std::max<int64_t>(batch.rays_considered, 1))));
-  const int64_t per = (batch.chunks + kAccumulators - 1) / kAccumulators;
-  pool.parallel_for_thread(kAccumulators, [&](int64_t a, int thread) {
-    Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    chunk.weights = field.weights.data();
-    chunk.weight_gradient = dense->begin_sum(a);
-    const int64_t end = std::min<int64_t>(batch.chunks, (a + 1) * per);
-    for (int64_t c = a * per; c < end; ++c) {
-      const size_t i = static_cast<size_t>(c);
-      chunk.samples = batch.samples[i];
-      chunk.rays = batch.rays[i];
-      chunk.ray_begin = batch.ray_begin.data() + i * (kChunkRays + 1);
-      chunk.loss = 0;
-      Random random(seed(), static_cast<uint64_t>(done),
-                    (uint64_t{1} << 61) + static_cast<uint64_t>(c));  // no ray has this number
-      chunk.roulette.offset = static_cast<double>(random.uniform());
-      chunk.bind(tape.features, features.data() + c * rows * ld, d_features.data() + c * rows * ld);
-      std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(Real));
-      const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
-      std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
-      std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
-      std::memcpy(chunk.data(tape.target), batch.target_of(static_cast<int>(c)), ray_bytes);
-      for (int r = 0; r < chunk.rays; ++r)
-        chunk.data(tape.scale)[r] = scale * batch.weight[i * kChunkRays + static_cast<size_t>(r)];
-      tape.tape.forward(chunk);
-      chunk_colours[i] = chunk.count(tape.colour);
-      if (distortion > 0) add_distortion(chunk, c * ld);
-      tape.tape.backward(chunk);
-      keep_samples(c, chunk);
-      std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
-      chunk_loss[i] = chunk.loss;
-      const int64_t lr = chunk.stride(tape.image.pixel);
-      const Real* pixel = chunk.data(tape.image.pixel);
-      const Real* target = chunk.data(tape.target);
-      for (int r = 0; r < chunk.rays; ++r) {
-        Real sum = 0;
-        for (int k = 0; k < 3; ++k) {
-          const Real e = pixel[k * lr + r] - target[k * lr + r];
-          sum += e * e;
-        }
-        ray_errors[i * kChunkRays + static_cast<size_t>(r)] = sum;
-      }
-      const Real* opacity = pixel + 3 * lr;
-      chunk_opacity[i] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
-    }
-    chunk.bind(tape.features, nullptr, nullptr);
-  });
-
-  HeadSums sums{.squared_error = mean_squared_error()};
-  for (int c = 0; c < batch.chunks; ++c) {
-    report.loss += chunk_loss[static_cast<size_t>(c)];
-    sums.opacity += chunk_opacity[static_cast<size_t>(c)];
-    report.colours += chunk_colours[static_cast<size_t>(c)];
-    report.learning += chunk_kept[static_cast<size_t>(c)];
-  }
-  report.rays = batch.rays_considered;
-  report.samples = batch.total_samples;
-  return sums;
-}
-
 void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
   chunk_kept[static_cast<size_t>(c)] = chunk.samples;
   batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), chunk.samples);
-}
-
-// A mean over rays: their scale is that of a mean over three channels too.
-void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
-  Real* gradient = chunk.data(tape.weight_gradient);
-  std::fill_n(gradient, chunk.samples, 0.0_r);
-  for (int r = 0; r < chunk.rays; ++r) {
-    const int32_t begin = chunk.ray_begin[r];
-    const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
-    const auto of_ray = [&](const Real* data) { return std::span(data + begin, n); };
-    chunk.loss += distortion_loss(of_ray(batch.middle.data() + first_sample),
-                                  of_ray(batch.width.data() + first_sample),
-                                  of_ray(chunk.data(tape.image.weights)),
-                                  static_cast<Real>(3 * distortion) * chunk.data(tape.scale)[r],
-                                  std::span(gradient + begin, n));
-  }
 }
 
 AdamStep GridTrainer::dense_step() const {
@@ -249,7 +168,7 @@ void GridTrainer::scatter(StepReport& report) {
   // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
   pool.parallel_for(levels + 2, [&](int64_t i) {
     if (i == levels) return observe_samples();
-    if (i > levels) return observe_errors();
+    if (i > levels) return given.empty() ? observe_errors() : void();
     const int64_t l = levels - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     Real* const gradient = optimiser.table_gradient.data() + level.begin();

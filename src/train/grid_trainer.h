@@ -36,6 +36,14 @@ struct TableState {
   std::vector<int64_t> listed_count;  // of each level
 };
 
+// Density, colours and loss of the samples in a chunk, one chunk per thread.
+struct GridHead {
+  GridHead(const GridField& field, const GridLosses& losses, const DenseParameters& dense,
+           ThreadPool& pool);
+  GridTape tape;
+  std::vector<std::unique_ptr<Chunk>> workers;
+};
+
 struct GridTrainer final : TrainerImpl {
   GridTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool);
@@ -43,6 +51,8 @@ struct GridTrainer final : TrainerImpl {
   void draw() override;
   void look_up() override;
   HeadSums head(StepReport& report) override;
+  void render() override;
+  int64_t most_rays() const override;
   AdamStep dense_step() const override;
   void scatter(StepReport& report) override;
   void observe(const StepReport& report, const PhaseSeconds& seconds) override;
@@ -64,9 +74,17 @@ struct GridTrainer final : TrainerImpl {
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
   double colour_seconds() const;
   GridPoints points_of(int64_t chunk) const;
-  void add_distortion(Chunk& chunk, int64_t first_sample);
+  GridLosses losses(const PixelLoss& pixel) const;
+  // The inputs of chunk c but for those of the loss.
+  void bind(int64_t c, const GridTape& tape, Chunk& chunk);
+  void set_loss(int64_t c, const GridTape& tape, Chunk& chunk);
+  // What a squared error, summed over channels, of a ray of chunk c counts in the loss.
+  Real scale_of(int64_t c, int ray) const;
+  void add_distortion(int64_t c, const GridTape& tape, Chunk& chunk);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
   void keep_samples(int64_t c, Chunk& chunk);
+  // Squared errors of chunk c, for the map of errors.
+  void note_errors(int64_t c, const GridTape& tape, const Chunk& chunk);
   void observe_samples();
   void observe_errors();
   // Mean squared error over the photos' pixels, from the step's rays.
@@ -76,8 +94,8 @@ struct GridTrainer final : TrainerImpl {
   double distortion;  // weight of the loss
   GridField field;
   TableState optimiser;
-  GridTape tape;
-  std::vector<std::unique_ptr<Chunk>> workers;  // one per thread
+  std::unique_ptr<GridHead> own_head, given_head;  // of the method's loss, and of the caller's
+  std::vector<int32_t> listed_at;  // of an open step: which listed ray is at [chunk][kChunkRays]
   std::vector<Real> corrections;
 
   ErrorMap errors;

@@ -20,7 +20,9 @@ int network_accumulators(size_t weights) {
 }
 
 NetworkLosses losses_of(const NetworkRecipe& r) {
-  return {r.coarse, r.interlevel, r.distortion, r.charbonnier, r.density_noise, r.negligible};
+  return {r.coarse,        r.interlevel,
+          r.distortion,    r.charbonnier > 0 ? PixelLoss::charbonnier(r.charbonnier) : PixelLoss(),
+          r.density_noise, r.negligible};
 }
 
 namespace {
@@ -101,9 +103,6 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
       rays(static_cast<size_t>(o.recipe.rays)),
       drawn(rays.size()) {
   check_range(s, o);
-  for (int i = 0; i < pool.size(); ++i)
-    workers.push_back(std::make_unique<NetworkLevels>(field, rays_per_chunk, /*training=*/true,
-                                                      losses_of(o.recipe)));
   std::vector<ParameterSection> sections;
   if (field.weights.size() > field.network_size())
     sections.push_back({"the photos' codes", field.network_size(), field.weights.size()});
@@ -117,43 +116,66 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   if (o.network.space == Space::kNdc) field.ndc = ndc_frame(s, p);
   field.initialise(seed());
   dense->pack(options.precision, pool);
-  for (const auto& levels : workers) levels->use_packs(&dense->packs());
+  workers = make_workers(losses_of(o.recipe));
+}
+
+NetworkTrainer::Workers NetworkTrainer::make_workers(const NetworkLosses& losses) const {
+  Workers made;
+  for (int i = 0; i < pool.size(); ++i) {
+    made.push_back(
+        std::make_unique<NetworkLevels>(field, rays_per_chunk, /*training=*/true, losses));
+    made.back()->use_packs(&dense->packs());
+  }
+  return made;
+}
+
+std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay& out) const {
+  const NetworkRecipe& recipe = options.recipe;
+  const auto sampled = [&](const Ray& ray) {
+    const auto cast = sampled_ray(field, ray);
+    if (cast) out = *cast;
+    return cast ? std::optional(ray) : std::nullopt;
+  };
+  if (!given.empty()) return sampled(given[i]);
+  // Of the step, not of a ray: no ray has this number.
+  const size_t photo =
+      static_cast<size_t>(Random(seed(), static_cast<uint64_t>(done), uint64_t{1} << 62)
+                              .below(static_cast<uint64_t>(source.photos())));
+  const bool from_one = recipe.one_photo || done < recipe.crop_steps;
+  const double share = done < recipe.crop_steps ? recipe.crop : 1;
+  PixelSource::Pixel pixel;
+  constexpr int kMostTries = 64;  // of pixels that are masked out or have no ray
+  bool found = false;
+  for (int tries = 0; tries < kMostTries && !found; ++tries)
+    found = from_one ? source.draw_from(photo, random, share, pixel) : source.draw(random, pixel);
+  if (!found) return std::nullopt;
+  Ray& ray = pixel.ray;
+  ray.radius = cast_radius(field, *pixel.camera, *pixel.pose, pixel.centre());
+  ray.background = scene.alpha ? background_of(options, scene) : Vec3{0, 0, 0};
+  const auto cast = sampled(ray);
+  out.scale = pixel.weight;
+  for (int k = 0; k < 3; ++k)
+    out.target[k] = pixel.rgb[k] * pixel.alpha + ray.background[k] * (1 - pixel.alpha);
+  return cast;
 }
 
 void NetworkTrainer::draw() {
   constexpr int64_t kBlock = 64;
-  const NetworkRecipe& recipe = options.recipe;
-  const uint64_t seed = this->seed(), step = static_cast<uint64_t>(done);
-  // Of the step, not of a ray: no ray has this number.
-  const size_t photo = static_cast<size_t>(
-      Random(seed, step, uint64_t{1} << 62).below(static_cast<uint64_t>(source.photos())));
-  const bool from_one = recipe.one_photo || done < recipe.crop_steps;
-  const double share = done < recipe.crop_steps ? recipe.crop : 1;
-  const Vec3 background = scene.alpha ? background_of(options, scene) : Vec3{0, 0, 0};
+  rays.resize(given.empty() ? static_cast<size_t>(options.recipe.rays) : given.size());
+  drawn.resize(rays.size());
+  lines.resize(open ? rays.size() : 0);
   const int64_t n = static_cast<int64_t>(rays.size());
   pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
-    for (int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
-      NetworkRay& ray = rays[static_cast<size_t>(i)];
-      Random random(seed, step, static_cast<uint64_t>(i));
-      PixelSource::Pixel pixel;
-      constexpr int kMostTries = 64;  // of pixels that are masked out or have no ray
-      bool found = false;
-      for (int tries = 0; tries < kMostTries && !found; ++tries)
-        found =
-            from_one ? source.draw_from(photo, random, share, pixel) : source.draw(random, pixel);
-      std::optional<NetworkRay> cast;
-      if (found) {
-        pixel.ray.radius = cast_radius(field, *pixel.camera, *pixel.pose, pixel.centre());
-        pixel.ray.background = background;
-        cast = sampled_ray(field, pixel.ray);
-      }
-      drawn[static_cast<size_t>(i)] = cast.has_value();
-      ray = cast.value_or(NetworkRay{});
-      ray.random = random;
-      if (!cast) continue;
-      ray.scale = pixel.weight;
-      for (int k = 0; k < 3; ++k)
-        ray.target[k] = pixel.rgb[k] * pixel.alpha + background[k] * (1 - pixel.alpha);
+    for (int64_t at = block * kBlock; at < std::min(n, (block + 1) * kBlock); ++at) {
+      const size_t i = static_cast<size_t>(at);
+      Random random(seed(), static_cast<uint64_t>(done), static_cast<uint64_t>(i));
+      NetworkRay cast;
+      cast.scale = 1;
+      const auto line = draw_ray(i, random, cast);
+      drawn[i] = line.has_value();
+      rays[i] = line ? cast : NetworkRay{};
+      rays[i].random = random;
+      if (open && line) lines[i] = *line;
     }
   });
   // Those without a pixel repeat the first that has one, at no weight.
@@ -174,6 +196,74 @@ void NetworkTrainer::draw() {
   }
 }
 
+Real NetworkTrainer::exponent() const {
+  const NetworkRecipe& recipe = options.recipe;
+  if (!recipe.anneal) return 1;
+  const int64_t length =
+      recipe.anneal_steps > 0 ? recipe.anneal_steps : options.plan().length_at(done);
+  const double share = std::min(
+      1.0, static_cast<double>(done) / static_cast<double>(std::max<int64_t>(length - 1, 1)));
+  return annealing_exponent(static_cast<Real>(share));
+}
+
+void NetworkTrainer::set_gradient(size_t first_ray, size_t count, NetworkLevels& levels) const {
+  constexpr Real kNone[4] = {0, 0, 0, 0};
+  const size_t of_rendering = 4 * pixels.rays.size();
+  for (int k = 0; k < pixels.renderings; ++k)
+    for (size_t r = 0; r < count; ++r) {
+      const int32_t at = listed[first_ray + r];
+      const Real* gradient = at < 0
+                                 ? kNone
+                                 : pixel_gradient.data() + static_cast<size_t>(k) * of_rendering +
+                                       4 * static_cast<size_t>(at);
+      levels.set_gradient(k, static_cast<int>(r), gradient);
+    }
+}
+
+void NetworkTrainer::render() {
+  if (given_workers.empty()) {
+    NetworkLosses losses = losses_of(options.recipe);
+    losses.pixel = {PixelLoss::Kind::kGiven};
+    given_workers = make_workers(losses);
+  }
+  listed.assign(rays.size(), -1);
+  const bool from_photos = given.empty();
+  pixels.rays.clear();
+  for (size_t i = 0; i < rays.size(); ++i) {
+    // A given ray keeps its place, though there may be nothing to see along it.
+    if (drawn[i]) listed[i] = static_cast<int32_t>(from_photos ? pixels.rays.size() : i);
+    if (drawn[i] || !from_photos) pixels.rays.push_back(from_photos ? lines[i] : given[i]);
+    if (!drawn[i] || !from_photos) continue;
+    for (int k = 0; k < 3; ++k) pixels.target.push_back(rays[i].target[k]);
+    pixels.scale.push_back(rays[i].scale);
+  }
+  const size_t count = pixels.rays.size();
+  pixels.renderings = given_workers.front()->renderings();
+  pixels.rgba.assign(4 * count * static_cast<size_t>(pixels.renderings), 0.0_r);
+  for (size_t at = 0; at < pixels.rgba.size(); at += 4)
+    for (size_t k = 0; k < 3; ++k)
+      pixels.rgba[at + k] = pixels.rays[at / 4 % count].background[static_cast<int>(k)];
+  const Real power = exponent();
+  const bool skip = skipping();
+  const size_t per = static_cast<size_t>(rays_per_chunk);
+  pool.parallel_for_thread(
+      static_cast<int64_t>((rays.size() + per - 1) / per), [&](int64_t c, int thread) {
+        NetworkLevels& levels = *given_workers[static_cast<size_t>(thread)];
+        const size_t begin = static_cast<size_t>(c) * per, end = std::min(rays.size(), begin + per);
+        // A copy: its random numbers are drawn once more when the step is finished.
+        std::vector<NetworkRay> part(rays.begin() + static_cast<std::ptrdiff_t>(begin),
+                                     rays.begin() + static_cast<std::ptrdiff_t>(end));
+        levels.forward(part, power, skip);
+        for (size_t r = 0; r < part.size(); ++r) {
+          if (listed[begin + r] < 0) continue;
+          for (int k = 0; k < pixels.renderings; ++k)
+            levels.rendered(k, static_cast<int>(r),
+                            pixels.rgba.data() + 4 * (static_cast<size_t>(k) * count +
+                                                      static_cast<size_t>(listed[begin + r])));
+        }
+      });
+}
+
 bool NetworkTrainer::skipping() const {
   return options.recipe.skip && workers[0]->can_skip() && dense_share < NetworkLevels::kSkipPays;
 }
@@ -182,15 +272,10 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
   const int64_t chunks = (static_cast<int64_t>(rays.size()) + rays_per_chunk - 1) / rays_per_chunk;
   const int64_t count = dense->accumulators();
   const int64_t per = (chunks + count - 1) / count;
-  const NetworkRecipe& recipe = options.recipe;
-  const int64_t length =
-      recipe.anneal_steps > 0 ? recipe.anneal_steps : options.plan().length_at(done);
-  const double share = std::min(
-      1.0, static_cast<double>(done) / static_cast<double>(std::max<int64_t>(length - 1, 1)));
-  const Real exponent = recipe.anneal ? annealing_exponent(static_cast<Real>(share)) : 1.0_r;
+  const Real exponent = this->exponent();
   const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
-    NetworkLevels& levels = *workers[static_cast<size_t>(thread)];
+    NetworkLevels& levels = *(open ? given_workers : workers)[static_cast<size_t>(thread)];
     Real* const gradient = dense->begin_sum(a);
     Sums& s = sums[static_cast<size_t>(a)];
     s = {};
@@ -201,9 +286,10 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
       levels.forward(part, exponent, skip);
       s.dense += levels.dense_samples();
       s.all += levels.all_samples();
+      if (open) set_gradient(begin, part.size(), levels);
       s.loss += levels.backward(gradient);
       for (size_t r = 0; r < part.size(); ++r) {
-        if (part[r].scale == 0) continue;
+        if (part[r].scale == 0 || !given.empty()) continue;
         Real rgb[3], opacity;
         levels.pixel(static_cast<int>(r), rgb, opacity);
         for (int k = 0; k < 3; ++k)

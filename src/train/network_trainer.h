@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "nerf/base/aligned.h"
@@ -23,6 +24,7 @@ struct NetworkTrainer final : TrainerImpl {
 
   void draw() override;
   HeadSums head(StepReport& report) override;
+  void render() override;
   AdamStep dense_step() const override;
   void observe(const StepReport& report, const PhaseSeconds& seconds) override;
   void begin_anew() override;
@@ -31,13 +33,21 @@ struct NetworkTrainer final : TrainerImpl {
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;
 
+  using Workers = std::vector<std::unique_ptr<NetworkLevels>>;  // one per thread
+  Workers make_workers(const NetworkLosses& losses) const;
   bool skipping() const;  // in the step to come
+  Real exponent() const;  // of its proposals' weights
+  // Ray i of the step, from a photo or given; no value where it has no pixel.
+  std::optional<Ray> draw_ray(size_t i, Random& random, NetworkRay& out) const;
+  void set_gradient(size_t first_ray, size_t count, NetworkLevels& levels) const;
 
   NetworkField field;
   int rays_per_chunk;
-  std::vector<std::unique_ptr<NetworkLevels>> workers;  // one per thread
+  Workers workers, given_workers;  // of the method's loss, and of the caller's
   std::vector<NetworkRay> rays;
-  std::vector<uint8_t> drawn;  // whether a ray's draw gave a pixel
+  std::vector<uint8_t> drawn;   // whether a ray's draw gave a pixel
+  std::vector<Ray> lines;       // of an open step: the rays in engine coordinates
+  std::vector<int32_t> listed;  // and which of its pixels is a ray's; below 0: none
   struct Sums {
     double loss = 0, squared_error = 0, opacity = 0;
     int64_t dense = 0, all = 0;  // samples with density, and all

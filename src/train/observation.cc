@@ -71,7 +71,7 @@ void GridTrainer::refresh() {
   const int64_t points = grid.cascades() * grid.cells() / group;
   constexpr int64_t kBlock = kChunkSamples;
   pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
-    Chunk& chunk = *workers[static_cast<size_t>(thread)];
+    Chunk& chunk = *own_head->workers[static_cast<size_t>(thread)];
     alignas(64) Real x[kBlock], y[kBlock], z[kBlock];
     int32_t cascade[kBlock];
     int64_t cell[kBlock];
@@ -99,6 +99,7 @@ void GridTrainer::refresh() {
     std::fill(x + n, x + round_up(n, kLane), 0.5_r);
     std::fill(y + n, y + round_up(n, kLane), 0.5_r);
     std::fill(z + n, z + round_up(n, kLane), 0.5_r);
+    const GridTape& tape = own_head->tape;
     encode(field, {x, y, z}, n, chunk.data(tape.features), chunk.stride(tape.features));
     chunk.weights = field.weights.data();
     chunk.samples = n;

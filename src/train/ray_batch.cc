@@ -39,7 +39,7 @@ RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
 }
 
 void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays,
-                               int thread) {
+                               std::span<const Ray> given, int thread) {
   constexpr Real kUncachedShare = 1.0_r / 16;  // of rays, which ignore the cached density
   Block& block = blocks_[static_cast<size_t>(index)];
   for (auto* v :
@@ -57,9 +57,16 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   PixelSource::Pixel pixels[kBlock];
   bool found[kBlock] = {};
   const size_t n = static_cast<size_t>(drawn);
-  source_.locate(randoms, &errors_, std::span(pixels, n), std::span(found, n));
-  // One after the other, so that the processor waits for several photos' memory at a time.
-  for (size_t i = 0; i < n; ++i) found[i] = found[i] && source_.read(pixels[i]);
+  if (given.empty()) {
+    source_.locate(randoms, &errors_, std::span(pixels, n), std::span(found, n));
+    // One after the other, so that the processor waits for several photos' memory at a time.
+    for (size_t i = 0; i < n; ++i) found[i] = found[i] && source_.read(pixels[i]);
+  } else {
+    for (size_t i = 0; i < n; ++i) {
+      pixels[i].ray = given[static_cast<size_t>(index * kBlock) + i];
+      found[i] = true;
+    }
+  }
   for (int i = 0; i < kBlock; ++i) {
     RayRecord& record = block.rays[i];
     record = RayRecord();
@@ -71,12 +78,13 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.weight = pixel.weight;
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
-      record.background[k] = random.uniform();
+      record.background[k] = given.empty() ? random.uniform() : pixel.ray.background[k];
       record.direction[k] = static_cast<Real>(pixel.ray.direction[k]);
       record.target[k] = pixel.rgb[k] * pixel.alpha + record.background[k] * (1 - pixel.alpha);
       const Real e = record.background[k] - record.target[k];
       record.squared_error += e * e;
     }
+    if (lists_) record.line = pixel.ray;
     const bool follow_cache = random.uniform() >= kUncachedShare;
     record.block_begin = static_cast<int>(block.delta.size());
     record.count = sampler.sample(pixel.ray, &random, follow_cache, samples);
@@ -137,18 +145,29 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
   }
 }
 
+RayBatch::Listed RayBatchMaker::listed_of(const RayRecord& record) {
+  RayBatch::Listed listed{record.line, {}, record.weight, -1};
+  for (int k = 0; k < 3; ++k) {
+    listed.ray.background[k] = record.background[k];
+    listed.target[k] = record.target[k];
+  }
+  return listed;
+}
+
 void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell,
-                         RayBatch& batch) {
+                         std::span<const Ray> given, RayBatch& batch) {
   for (RaySampler& sampler : samplers_) sampler.set_samples_per_cell(samples_per_cell);
+  lists_ = batch.lists;
   const int64_t blocks = (rays + kBlock - 1) / kBlock;
   if (static_cast<int64_t>(blocks_.size()) < blocks) blocks_.resize(static_cast<size_t>(blocks));
   pool_.parallel_for_thread(
-      blocks, [&](int64_t b, int thread) { draw_block(seed, step, b, rays, thread); });
+      blocks, [&](int64_t b, int thread) { draw_block(seed, step, b, rays, given, thread); });
 
   // Whole rays into chunks, in order, until the batch is full.
   batch.chunks = 1;
   batch.rays_considered = batch.total_samples = 0;
   batch.empty_rays.clear();
+  batch.listed.clear();
   int samples = 0, count = 0;
   const auto begin_of = [&](int chunk) {
     return batch.ray_begin.data() + static_cast<size_t>(chunk) * (kChunkRays + 1);
@@ -173,6 +192,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
         samples = count = 0;
       }
       ++batch.rays_considered;
+      if (batch.lists) batch.listed.push_back(listed_of(r));
       if (r.count == 0) {
         batch.empty_rays.push_back({r.tile, r.squared_error});
         continue;
@@ -180,6 +200,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
       r.chunk = batch.chunks - 1;
       r.ray = count;
       r.offset = samples;
+      if (batch.lists) batch.listed.back().place = r.chunk * kChunkRays + r.ray;
       begin_of(r.chunk)[count] = samples;
       ++count;
       samples += r.count;

@@ -23,8 +23,8 @@ class PixelSource {
 
   struct Pixel {
     Ray ray;
-    Real rgb[3];  // straight colour
-    Real alpha;
+    Real rgb[3] = {};  // straight colour
+    Real alpha = 1;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
     int32_t tile = 0;   // of the error map
@@ -97,6 +97,16 @@ struct RayBatch {
   };
   std::vector<EmptyRay> empty_rays;  // those that met no matter
 
+  // Of an open step: every ray considered, with its target and its place in the chunks
+  // [chunk][kChunkRays], or -1 where it met no matter.
+  struct Listed {
+    Ray ray;
+    Real target[3], weight;
+    int32_t place;
+  };
+  bool lists = false;  // whether fill() lists them
+  std::vector<Listed> listed;
+
   // Moves the grid coordinates of `count` samples of a chunk, `kept` in ascending order, to its
   // front; nothing else of them.
   void keep_points(int chunk, const int32_t* kept, int64_t count);
@@ -112,7 +122,12 @@ class RayBatchMaker {
   // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
                 bool intervals, ThreadPool& pool);
-  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch);
+  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch) {
+    fill(seed, step, rays, samples_per_cell, {}, batch);
+  }
+  // The same of `given` rays where there are any: with their own background, and no target.
+  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell,
+            std::span<const Ray> given, RayBatch& batch);
 
  private:
   struct RayRecord {
@@ -123,6 +138,7 @@ class RayBatchMaker {
     Real weight = 1;
     int32_t tile = 0;
     int chunk = -1, ray = 0, offset = 0;
+    Ray line;  // of an open step
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
   struct Block {
@@ -130,17 +146,19 @@ class RayBatchMaker {
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };
-  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int thread);
+  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays,
+                  std::span<const Ray> given, int thread);
   // Appends a ray's samples, at entry + t direction, to the block. `start` is the distance of the
   // entry from the camera.
   void place_samples(const Vec3& entry, const Vec3& direction, Real start,
                      const RaySamples& samples, Block& block);
   void copy_block(Block& block, RayBatch& batch);
+  static RayBatch::Listed listed_of(const RayRecord& record);
 
   const PixelSource& source_;
   const ErrorMap& errors_;
   const GridField& field_;
-  bool intervals_;
+  bool intervals_, lists_ = false;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread
   std::vector<RaySamples> scratch_;

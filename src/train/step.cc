@@ -1,21 +1,60 @@
 // A step of training, phase by phase.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <string>
 
+#include "nerf/base/error.h"
 #include "train/lap.h"
 #include "train/trainer_impl.h"
 
 namespace nerf {
 
 StepReport TrainerImpl::step() {
+  NERF_CHECK(!open);
   Lap lap;
-  const TrainProfile before = profile;
-  StepReport report;
   draw();
   lap.into(profile.rays);
   look_up();
   lap.into(profile.encode);
+  return complete();
+}
+
+const RayPixels& TrainerImpl::begin_step(std::span<const Ray> rays) {
+  NERF_CHECK(!open);
+  if (static_cast<int64_t>(rays.size()) > most_rays())
+    throw Error(fmt::format("a step takes at most {} given rays, not {}", most_rays(), rays.size()),
+                "Trainer::begin_step", "give fewer, or raise --batch-samples");
+  Lap lap;
+  pixels = RayPixels();
+  pixels.rays.assign(rays.begin(), rays.end());
+  given = pixels.rays;
+  open = true;
+  draw();
+  lap.into(profile.rays);
+  look_up();
+  lap.into(profile.encode);
+  render();
+  lap.into(profile.network);
+  return pixels;
+}
+
+StepReport TrainerImpl::finish_step(std::span<const Real> gradient, double loss) {
+  NERF_CHECK(open);
+  NERF_CHECK_EQ(gradient.size(), pixels.rgba.size());
+  pixel_gradient = gradient;
+  StepReport report = complete();
+  report.loss += loss;
+  pixel_gradient = {};
+  given = {};
+  open = false;
+  return report;
+}
+
+StepReport TrainerImpl::complete() {
+  Lap lap;
+  const TrainProfile before = profile;
+  StepReport report;
   const HeadSums sums = head(report);
   lap.into(profile.network);
   // Infinite or not a number: stopped before it reaches the weights.

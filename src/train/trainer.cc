@@ -53,6 +53,11 @@ Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions&
 Trainer::~Trainer() = default;
 
 StepReport Trainer::step() { return impl_->step(); }
+const RayPixels& Trainer::begin_step(std::span<const Ray> rays) { return impl_->begin_step(rays); }
+StepReport Trainer::finish_step(std::span<const Real> gradient, double loss) {
+  return impl_->finish_step(gradient, loss);
+}
+int64_t Trainer::most_rays() const { return impl_->most_rays(); }
 double Trainer::late_saving_seconds() { return impl_->late_saving_seconds(); }
 double Trainer::late_saving_share(int64_t steps) const { return impl_->late_saving_share(steps); }
 

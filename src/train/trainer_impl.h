@@ -27,6 +27,8 @@ struct TrainerImpl {
   virtual ~TrainerImpl() = default;
 
   StepReport step();
+  const RayPixels& begin_step(std::span<const Ray> rays);
+  StepReport finish_step(std::span<const Real> gradient, double loss);
 
   // The phases of a step, in their order. A method leaves out what it does not need.
   //
@@ -42,6 +44,9 @@ struct TrainerImpl {
     double opacity = 0;        // summed over the report's rays
   };
   virtual HeadSums head(StepReport& report) = 0;
+  // Of an open step: the networks of all rays without going back. Fills in `pixels`.
+  virtual void render() = 0;
+  virtual int64_t most_rays() const { return 1 << 20; }
   // Of the dense parameters, for the step to come.
   virtual AdamStep dense_step() const = 0;
   // Gradient of the table's rows, and their step of Adam. Fills in the report's rows.
@@ -81,10 +86,20 @@ struct TrainerImpl {
   PixelSource source;
   std::unique_ptr<DenseParameters> dense;  // made by the method, whose field has the weights
 
+  // Of a step that begin_step() has opened: its rays, where they were given, and their pixels; then
+  // the gradient by these.
+  bool open = false;
+  std::span<const Ray> given;
+  RayPixels pixels;
+  std::span<const Real> pixel_gradient;
+
   int64_t done = 0;
   uint64_t salt = 0;
   double rate_factor = 1;
   TrainProfile profile;
+
+ private:
+  StepReport complete();  // from the head on
 };
 
 }  // namespace nerf

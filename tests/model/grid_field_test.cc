@@ -30,7 +30,7 @@ TEST(GridTape, GradientOfTheWholeModel) {
     const GridOptions options = small_options(density_layers, colour_layers);
     const GridField field(options, false, 1);
     const GridTape tape(field, /*training=*/true,
-                        {.huber_delta = 0.1_r,
+                        {.pixel = PixelLoss::huber(0.1_r),
                          .on_weights = on_weights,
                          .shared_colour = shared ? kShared : 0,
                          .stop_transmittance = kStop});
@@ -41,8 +41,8 @@ TEST(GridTape, GradientOfTheWholeModel) {
                   {3, Domain::kRays, false, 0, 1},
                   {3, Domain::kRays, false, 0, 1},
                   {1, Domain::kRays, false, 0.01, 0.1}};
-    test.inputs = {tape.features,   tape.directions, tape.delta,
-                   tape.background, tape.target,     tape.scale};
+    test.inputs = {tape.features,   tape.directions,        tape.delta,
+                   tape.background, tape.pixel_loss.target, tape.pixel_loss.scale};
     if (on_weights) {  // nothing is added
       test.specs.push_back({1, Domain::kSamples, false, 0, 0});
       test.inputs.push_back(tape.weight_gradient);

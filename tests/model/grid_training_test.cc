@@ -51,7 +51,7 @@ AdamStep adam_step() {
 enum class Variant { kOwnColours, kSharedColours, kRoulette };
 
 GridLosses losses_of(Variant variant) {
-  GridLosses losses{.huber_delta = 0.1f};
+  GridLosses losses{.pixel = PixelLoss::huber(0.1f)};
   if (variant != Variant::kOwnColours) {
     losses.shared_colour = 0.2_r;
     losses.stop_transmittance = 0.3_r;
@@ -157,8 +157,9 @@ struct TinyRun {
         [](Real u) { return u / 4 + 0.0625_r; });
     for (int i = n; i < round_up(n, kLane); ++i) chunk.data(tape.delta)[i] = 0;
     put(tape.background, golden_draw(stream + 13, 3 * kRays), kRays, same);
-    put(tape.target, golden_draw(stream + 14, 3 * kRays), kRays, same);
-    put(tape.scale, std::vector<Real>(kRays, static_cast<float>(1.0 / (3 * kRays))), kRays, same);
+    put(tape.pixel_loss.target, golden_draw(stream + 14, 3 * kRays), kRays, same);
+    put(tape.pixel_loss.scale, std::vector<Real>(kRays, static_cast<float>(1.0 / (3 * kRays))),
+        kRays, same);
     std::vector<Real> directions = golden_draw(stream + 11, 3 * kRays);
     for (size_t r = 0; r < kRays; ++r) {
       double d[3];

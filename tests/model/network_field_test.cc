@@ -149,8 +149,8 @@ TEST(NetworkField, GradientOfTheWholeModel) {
       input(t.directions, {3, Domain::kRays, false, -1, 1, /*unit=*/true});
       input(t.delta, {1, Domain::kSamples, false, 0.05, 0.3});
       input(t.background, {3, Domain::kRays, false, 0, 1});
-      input(t.target, {3, Domain::kRays, false, 0, 1});
-      input(t.scale, {1, Domain::kRays, false, 0.1, 1});
+      input(t.pixel_loss.target, {3, Domain::kRays, false, 0, 1});
+      input(t.pixel_loss.scale, {1, Domain::kRays, false, 0.1, 1});
       if (o.image_code > 0) input(t.photo, {1, Domain::kRays, false, -1, 2});
       const RadianceNetwork& n = field.networks.back();
       for (const LinearWeights& w : n.trunk) test.layers.push_back(w);

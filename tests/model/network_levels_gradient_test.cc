@@ -55,8 +55,8 @@ LevelGiven level_given(const NetworkLevels& levels, int level) {
   if (t.pixel >= 0) {
     out.inputs.directions = columns(t.directions);
     out.inputs.background = columns(t.background);
-    out.inputs.target = columns(t.target);
-    out.inputs.scale = columns(t.scale);
+    out.inputs.target = columns(t.pixel_loss.target);
+    out.inputs.scale = columns(t.pixel_loss.scale);
     if (t.photo >= 0) out.inputs.photo = columns(t.photo);
   }
   out.rays.assign(c.ray_begin, c.ray_begin + c.rays + 1);
@@ -97,7 +97,7 @@ Columns<T> loss_of_levels(const NetworkField& field, const NetworkLosses& losses
         {in_type<T>(in.position), in_type<T>(in.variance), in_type<T>(in.directions),
          in_type<T>(in.delta), in_type<T>(in.background), in_type<T>(in.target),
          in_type<T>(in.scale), in_type<T>(in.photo)},
-        given[l].rays, {.charbonnier = losses.charbonnier}));
+        given[l].rays, {.pixel = losses.pixel}));
     for (const auto& term : outputs.back().loss) terms.push_back(term);
   }
   // A ray's scale is that of a mean over rays and three channels.
@@ -136,7 +136,7 @@ std::vector<MethodCase> methods() {
   mipnerf360.losses.coarse = 0;
   mipnerf360.losses.interlevel = 1;
   mipnerf360.losses.distortion = 0.3_r;
-  mipnerf360.losses.charbonnier = 0.001_r;
+  mipnerf360.losses.pixel = PixelLoss::charbonnier(0.001_r);
   MethodCase mipnerf{"mipnerf", tiny(test::mipnerf_options()), {}};
   mipnerf.losses.coarse = 0.1_r;
   mipnerf.losses.distortion = 0.1_r;

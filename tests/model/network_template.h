@@ -63,7 +63,7 @@ NetworkOutputs<T> network_template(const NetworkOptions& o, const RadianceNetwor
   const double padding = static_cast<double>(o.colour_padding);
   colour = on_columns::scale_shift(colour, 1 + 2 * padding, -padding);
   const Columns<T> pixel = on_columns::accumulate(out.weights, colour, in.background, rays);
-  const double epsilon = static_cast<double>(losses.charbonnier);
+  const double epsilon = static_cast<double>(losses.pixel.parameter);
   out.loss = on_columns::pixel_loss(pixel, in.target, in.scale, [&](T e) {
     return epsilon > 0 ? reference::charbonnier(e, epsilon) : reference::squared(e);
   });

@@ -46,7 +46,8 @@ struct TinyRun {
         field(tiny_options(gaussians), 2, 6),
         tape(field.options, field.networks[0], kRays * kSamples, kRays,
              NetworkTape::Purpose::kTrain,
-             {.charbonnier = gaussians ? 0.001f : 0.0f, .on_weights = gaussians}),
+             {.pixel = gaussians ? PixelLoss::charbonnier(0.001f) : PixelLoss(),
+              .on_weights = gaussians}),
         chunk(tape.tape),
         layers(field.layers()) {
     for (auto* a : {&gradient, &m, &v}) *a = AlignedArray<Real>(field.weights.size());
@@ -88,11 +89,11 @@ struct TinyRun {
       for (int k = 0; k < 3; ++k) square += std::pow(static_cast<double>(d[k * lr]), 2);
       for (int k = 0; k < 3; ++k)
         d[k * lr] = static_cast<float>(static_cast<double>(d[k * lr]) / std::sqrt(square));
-      chunk.data(tape.scale)[r] = static_cast<float>(1.0 / (3 * kRays));
+      chunk.data(tape.pixel_loss.scale)[r] = static_cast<float>(1.0 / (3 * kRays));
     }
     put(tape.delta, stream + 13, 0.25_r, 0.0625_r);
     put(tape.background, stream + 14, 1, 0);
-    put(tape.target, stream + 15, 1, 0);
+    put(tape.pixel_loss.target, stream + 15, 1, 0);
   }
 
   double distortion(uint32_t stream) {

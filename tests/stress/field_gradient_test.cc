@@ -55,8 +55,8 @@ void expect_finite_gradients(const Sizes& size, int rays, Real target, const Gri
   fill(tape.directions, 0.5, 0.6);
   fill(tape.delta, 0, size.delta);
   fill(tape.background, 0, 1);
-  fill(tape.target, target, target);
-  fill(tape.scale, 1, 1);
+  fill(tape.pixel_loss.target, target, target);
+  fill(tape.pixel_loss.scale, 1, 1);
   const FlushDenormals guard;
   tape.tape.forward(chunk);
   const int64_t colours = chunk.count(tape.colour);

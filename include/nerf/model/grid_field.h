@@ -16,6 +16,7 @@
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/math/contraction.h"
+#include "nerf/model/pixel_loss.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
 
@@ -125,7 +126,7 @@ inline constexpr int kChunkRays = 240;
 
 // What a training tape ends in.
 struct GridLosses {
-  Real huber_delta = 0.5_r;
+  PixelLoss pixel = PixelLoss::huber(0.5_r);
   bool on_weights = false;  // the caller adds gradients to the weights along the rays
   // Light that samples of one colour have together at most; 0: each has its own. See group_light().
   Real shared_colour = 0;
@@ -136,16 +137,16 @@ struct GridLosses {
 // The field on a tape, with the values that a caller fills and reads.
 struct GridTape {
   Tape tape{kChunkSamples, kChunkRays};
-  Value features = 0;           // in: [F L x samples]
-  Value directions = 0;         // in: [3 x rays]
-  Value delta = 0;              // in: [1 x samples]
-  Value background = 0;         // in: [3 x rays]
-  Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
-  Value geometry = 0;           // between: [geometry_features x samples]
-  Value density = 0;            // out: [1 x samples]
-  Value colour = 0;             // out: [3 x samples], or [3 x groups] where training shares colours
-  Composite image{};            // out
-  Value weight_gradient = -1;   // between, GridLosses::on_weights only: [1 x samples]
+  Value features = 0;          // in: [F L x samples]
+  Value directions = 0;        // in: [3 x rays]
+  Value delta = 0;             // in: [1 x samples]
+  Value background = 0;        // in: [3 x rays]
+  PixelLossInputs pixel_loss;  // in, training only
+  Value geometry = 0;          // between: [geometry_features x samples]
+  Value density = 0;           // out: [1 x samples]
+  Value colour = 0;            // out: [3 x samples], or [3 x groups] where training shares colours
+  Composite image{};           // out
+  Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
 
   GridTape(const GridField& field, bool training, const GridLosses& losses = {});
 

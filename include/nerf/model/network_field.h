@@ -12,6 +12,7 @@
 #include "nerf/math/ndc.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/network_options.h"
+#include "nerf/model/pixel_loss.h"
 
 namespace nerf {
 
@@ -89,16 +90,16 @@ struct NetworkTape {
   Value photo = -1;      // in, with image codes: [1 x rays], number of the photo; below 0: none
   Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
   Value background = 0;  // in: [3 x rays]
-  Value target = 0, scale = 0;  // in, training: [3 x rays], [1 x rays]
-  Value weight_gradient = -1;   // in between the passes, training: [1 x samples]
-  Value density = 0;            // out: [1 x samples]
-  Value weights = 0;            // out: [1 x samples]
-  Value colour = -1;            // out: [3 x samples]
-  Value pixel = -1;             // out: [4 x rays]
+  PixelLossInputs pixel_loss;  // in, training
+  Value weight_gradient = -1;  // in between the passes, training: [1 x samples]
+  Value density = 0;           // out: [1 x samples]
+  Value weights = 0;           // out: [1 x samples]
+  Value colour = -1;           // out: [3 x samples]
+  Value pixel = -1;            // out: [4 x rays]
 
   struct Losses {
-    bool colour = true;       // whether the level's pixels are compared with the photos
-    Real charbonnier = 0;     // its epsilon; 0: squared error
+    bool colour = true;  // whether the level's pixels are compared with the photos
+    PixelLoss pixel;
     bool on_weights = false;  // whether the caller has gradients of the weights
     bool density_noise = false;
   };

@@ -19,11 +19,11 @@ class BakedOccupancy;
 }
 
 struct NetworkLosses {
-  Real coarse = 1;         // of the colour error of the levels before the last
-  Real interlevel = 0;     // of the proposals' (Barron et al. 2022, equation 13), for a mean over
-                           // rays and samples
-  Real distortion = 0;     // of the last level's (equation 15), for a mean over rays
-  Real charbonnier = 0;    // epsilon of the colour loss; 0: squared error
+  Real coarse = 1;      // of the colour error of the levels before the last
+  Real interlevel = 0;  // of the proposals' (Barron et al. 2022, equation 13), for a mean over
+                        // rays and samples
+  Real distortion = 0;  // of the last level's (equation 15), for a mean over rays
+  PixelLoss pixel;
   Real density_noise = 0;  // standard deviation of what is added to the raw density
   // Share of a ray's light below which a sample is negligible in a training that skips. Of a
   // softplus's samples it is the weight w: with the optical thickness x the pixel's derivative by
@@ -75,6 +75,13 @@ class NetworkLevels {
   int64_t coloured_samples() const { return levels_.back()->chunk.samples; }
   // One more evaluation of all against three of the dense.
   static constexpr double kSkipPays = 0.6;
+
+  // Renderings of a forward(): those of the levels that learn colours, the picture's last.
+  int renderings() const;
+  // Colour and opacity of a ray's pixel in one of them.
+  void rendered(int rendering, int ray, Real rgba[4]) const;
+  // With PixelLoss::kGiven, before backward(): the gradient of the loss by these.
+  void set_gradient(int rendering, int ray, const Real rgba[4]);
 
   // Adds the gradients of the rays' losses to `weight_gradient` (laid out as field.weights) and
   // returns the loss.
@@ -137,6 +144,7 @@ class NetworkLevels {
                    const EndOfRay& end_of_ray) const;
   void count_dense(const NetworkTape& tape, const Chunk& chunk);
   double losses_on_weights(size_t level);
+  Level& rendering_level(int rendering) const;
 
   const NetworkField& field_;
   bool training_;

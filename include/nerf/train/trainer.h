@@ -7,6 +7,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
 #include "nerf/kernels/bf16.h"
+#include "nerf/math/ray.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/network_options.h"
 #include "nerf/model/radiance_field.h"
@@ -131,6 +133,19 @@ class NonFiniteError : public Error {
   using Error::Error;
 };
 
+// The pixels of an open step's rays, for a loss of the caller's.
+struct RayPixels {
+  std::vector<Ray> rays;  // engine coordinates (Scene::to_engine)
+  // Pictures that the method learns from: one with the grid, with a paper method one of each level
+  // that has colours, the last being the one that is shown.
+  int renderings = 1;
+  std::vector<Real> rgba;  // [renderings][rays][4]: colour over Ray::background, opacity
+  // Of rays drawn from photos only: what those show over the same background, and what a squared
+  // error, summed over channels, is multiplied by in the method's own loss.
+  std::vector<Real> target;  // [rays][3]
+  std::vector<Real> scale;   // [rays]
+};
+
 // Where the time of the steps so far went, seconds of wall clock; of the grid method `scatter` sums
 // the table's gradient and updates its rows, `update` updates the networks.
 struct TrainProfile {
@@ -149,6 +164,18 @@ class Trainer {
 
   // One optimisation step.
   StepReport step();
+
+  // One step in two halves around a loss of the caller's (a style, a feature distance, score
+  // distillation). The first renders rays with the field as it is, `rays` or, without any, as many
+  // as step() would draw from the photos, and leaves the step open. The second takes the gradient
+  // of the loss by RayPixels::rgba, as many numbers, and makes an optimisation step of it; the
+  // method's losses on weights act as in step(). With the gradient of the method's own loss on
+  // pixels the two are step(), bit for bit. Rays of the grid method: at most most_rays(). Nothing
+  // else may be asked of the trainer in between but its options. begin_step throws Error for more
+  // rays than that; finish_step what step() throws. A report's psnr is of rays from photos alone.
+  const RayPixels& begin_step(std::span<const Ray> rays = {});
+  StepReport finish_step(std::span<const Real> gradient, double loss = 0);
+  int64_t most_rays() const;
 
   // Steps until options().steps or until asked to stop; the callback may return false to stop too.
   void run(const std::function<bool(const StepReport&)>& callback, const Cancel* cancel = nullptr);
