@@ -121,6 +121,39 @@ void use_parts(const char* folder) {
   expect(std::isfinite(r.last.loss) && r.last.loss < r.first.loss, "its loss falls");
 }
 
+// A loss that the library does not have: the mean absolute error of pixels drawn from the photos.
+void use_own_loss(const char* folder) {
+  nerf::ThreadPool pool;
+  nerf::SceneOptions load;
+  load.downscale = 8;
+  const nerf::Scene scene = nerf::load_scene(folder, load);
+  const nerf::PhotoSet photos = nerf::load_photos(scene, pool);
+  nerf::TrainOptions options;
+  options.steps = 60;
+  options.grid_recipe.batch_samples = 9600;
+  options.grid.levels = 4;
+  options.grid.log2_entries = 12;
+  nerf::Trainer trainer(scene, photos, options, pool);
+  double first = 0, last = 0;
+  for (int step = 0; step < options.steps; ++step) {
+    const nerf::RayPixels& pixels = trainer.begin_step();
+    std::vector<Real> gradient(pixels.rgba.size());
+    const Real share = 1 / static_cast<Real>(3 * pixels.rays.size());
+    double loss = 0;
+    for (std::size_t r = 0; r < pixels.rays.size(); ++r)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Real e = pixels.rgba[4 * r + k] - pixels.target[3 * r + k];
+        loss += std::fabs(e) * share;
+        gradient[4 * r + k] = e > 0 ? share : -share;
+      }
+    trainer.finish_step(gradient, loss);
+    if (step == 0) first = loss;
+    last = loss;
+  }
+  std::printf("own loss: %.4f -> %.4f\n", first, last);
+  expect(last < 0.6 * first, "a loss of the caller's is learnt");
+}
+
 // The library's exceptions cross its border.
 void use_errors() {
   try {
@@ -144,6 +177,7 @@ int main(int argc, char** argv) {
     use_scene(argv[1]);
     use_training(argv[1]);
     use_parts(argv[1]);
+    use_own_loss(argv[1]);
     use_errors();
   } catch (const std::exception& e) {
     std::fprintf(stderr, "%s\n", e.what());
