@@ -41,7 +41,8 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
         Command{NERF_BENCH_PROGRAM, "render", "--help"},
         Command{NERF_BENCH_PROGRAM, "kernels", "--help"},
         Command{NERF_BENCH_PROGRAM, "error", "--help"},
-        Command{NERF_BENCH_PROGRAM, "ablation", "--help"}})
+        Command{NERF_BENCH_PROGRAM, "ablation", "--help"},
+        Command{NERF_BENCH_PROGRAM, "tables", "--help"}})
     known.merge(options_in(
         testing_apps::run_program(program[0], {program.begin() + 1, program.end()}).out));
   ASSERT_TRUE(known.contains("--grid-levels"));
@@ -57,25 +58,53 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
           << document.filename() << " names " << option;
 }
 
-// The table of docs/methods.md is what --list-methods prints, cell by cell.
+// The table of docs/methods.md holds what --list-methods prints, cell by cell, with a column for
+// each method.
 TEST(Docs, ListTheMethodsThatThereAre) {
   const std::string document =
       testing_apps::read_text(fs::path(NERF_SOURCE_DIR) / "docs" / "methods.md");
-  const std::string table = methods_table();
-  std::istringstream lines(table);
-  int rows = 0;
-  for (std::string line; std::getline(lines, line); ++rows) {
-    std::string row;
-    for (size_t at = 0; at < line.size();) {
+  std::istringstream lines(methods_table());
+  std::vector<std::string> rows;  // of the document
+  for (std::string line; std::getline(lines, line);) {
+    const bool method = !rows.empty();
+    size_t slot = 0;
+    for (size_t at = 0; at < line.size(); ++slot) {
       size_t end = std::min(line.find("  ", at), line.size());
       const std::string cell = line.substr(at, end - at);
-      row += rows > 0 && at == 0 ? "| `" + cell + "` " : "| " + cell + " ";
+      if (!method) rows.emplace_back("|");
+      ASSERT_LT(slot, rows.size()) << line;
+      rows[slot] += method && slot == 0 ? " `" + cell + "` |" : " " + cell + " |";
       while (end < line.size() && line[end] == ' ') ++end;
       at = end;
     }
-    EXPECT_NE(document.find(row + "|\n"), std::string::npos) << row;
   }
-  EXPECT_GE(rows, 5);
+  EXPECT_GE(rows.size(), 5u);
+  for (const std::string& row : rows)
+    EXPECT_NE(document.find(row + "\n"), std::string::npos) << row;
+}
+
+// Each table of docs/benchmarks.md below a command of nerf_bench tables is what the command prints.
+TEST(Docs, ShowTheFiguresThatAreKept) {
+  const fs::path root = NERF_SOURCE_DIR;
+  std::istringstream lines(testing_apps::read_text(root / "docs" / "benchmarks.md"));
+  int tables = 0;
+  for (std::string line; std::getline(lines, line);) {
+    if (line != "```") continue;
+    std::string command;
+    while (std::getline(lines, line) && line != "```") command += line + "\n";
+    if (!command.starts_with("nerf_bench tables")) continue;
+    while (std::getline(lines, line) && line.empty()) {
+    }
+    std::string shown;
+    for (; line.starts_with('|'); std::getline(lines, line)) shown += line + "\n";
+    const auto result = testing_apps::run_program(
+        "/bin/sh",
+        {"-c", "cd \"$0\"; program=$1; nerf_bench() { \"$program\" \"$@\"; }\n" + command,
+         root.string(), NERF_BENCH_PROGRAM});
+    EXPECT_EQ(result.out, shown) << command << result.err;
+    ++tables;
+  }
+  EXPECT_GE(tables, 5);
 }
 
 }  // namespace
