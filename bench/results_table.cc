@@ -219,7 +219,11 @@ std::string table_across(const Results& r, const std::vector<size_t>& rows,
   Row titles, names;
   for (const size_t c : fixed) titles.push_back(title(r.columns[c]));
   for (const size_t c : figures) names.push_back(title(r.columns[c]));
-  for (const Row& t : top) titles.push_back(joined(t));
+  for (const Row& t : top) {
+    Row named = t;
+    std::erase(named, "");
+    titles.push_back(named.empty() ? "-" : joined(named));
+  }
   if (!titles.empty() && !fixed.empty()) titles[fixed.size() - 1] += ": " + joined(names);
   std::string text = markdown_row(titles) + "|";
   for (size_t i = 0; i < titles.size(); ++i) text += "---|";

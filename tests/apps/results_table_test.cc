@@ -134,11 +134,11 @@ TEST(NerfBenchTables, PrintsAFolderAndRefusesWhatIsNotThere) {
   const auto all = run({"--any-load", "--columns", "steps", "--where", "seed=1;command!=train"});
   ASSERT_EQ(all.exit_code, 0) << all.err;
   EXPECT_EQ(all.out, "## two\n\n| steps |\n|---|\n| 2 |\n");
-  expect_refused(run({"three"}), "three.csv");
-  expect_refused(run({"two"}), "--any-load");
-  expect_refused(run({"one", "--where", "seed"}), "has no =");
+  expect_refused(run({"three"}), "nerf_bench", {"three.csv"});
+  expect_refused(run({"two"}), "nerf_bench", {"--any-load"});
+  expect_refused(run({"one", "--where", "seed"}), "nerf_bench", {"has no ="});
   write_file_atomically(folder.path() / "two.csv", kHead + "2026-01-02,,M,shared,1,c,d,1\n");
-  expect_refused(run({"two", "--any-load"}), "two.csv:2");
+  expect_refused(run({"two", "--any-load"}), "nerf_bench", {"two.csv:2"});
 }
 
 // Every file that is kept can be read.
