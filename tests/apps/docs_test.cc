@@ -58,29 +58,34 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
           << document.filename() << " names " << option;
 }
 
-// The table of docs/methods.md holds what --list-methods prints, cell by cell, with a column for
-// each method.
+// The table of docs/methods.md holds what --list-methods prints, with a column for each method;
+// what is too wide for a line of it stands below, a line for each method.
 TEST(Docs, ListTheMethodsThatThereAre) {
   const std::string document =
       testing_apps::read_text(fs::path(NERF_SOURCE_DIR) / "docs" / "methods.md");
   std::istringstream lines(methods_table());
-  std::vector<std::string> rows;  // of the document
+  std::vector<std::vector<std::string>>
+      methods;  // the names of the slots, then each method's cells
   for (std::string line; std::getline(lines, line);) {
-    const bool method = !rows.empty();
-    size_t slot = 0;
-    for (size_t at = 0; at < line.size(); ++slot) {
+    methods.emplace_back();
+    for (size_t at = 0; at < line.size();) {
       size_t end = std::min(line.find("  ", at), line.size());
-      const std::string cell = line.substr(at, end - at);
-      if (!method) rows.emplace_back("|");
-      ASSERT_LT(slot, rows.size()) << line;
-      rows[slot] += method && slot == 0 ? " `" + cell + "` |" : " " + cell + " |";
+      methods.back().push_back(line.substr(at, end - at));
       while (end < line.size() && line[end] == ' ') ++end;
       at = end;
     }
+    ASSERT_EQ(methods.back().size(), methods[0].size()) << line;
   }
-  EXPECT_GE(rows.size(), 5u);
-  for (const std::string& row : rows)
-    EXPECT_NE(document.find(row + "\n"), std::string::npos) << row;
+  ASSERT_GE(methods.size(), 5u);
+  for (size_t slot = 0; slot < methods[0].size(); ++slot) {
+    std::string row = "|", list;
+    for (size_t m = 0; m < methods.size(); ++m) {
+      const std::string cell = methods[m][slot], name = "`" + methods[m][0] + "`";
+      row += " " + (m > 0 && slot == 0 ? name : cell) + " |";
+      if (m > 0) list += "- " + methods[0][slot] + " of " + name + ": " + cell + "\n";
+    }
+    EXPECT_NE(document.find(row.size() > 120 ? list : row + "\n"), std::string::npos) << row;
+  }
 }
 
 // Each table of docs/benchmarks.md below a command of nerf_bench tables is what the command prints.
