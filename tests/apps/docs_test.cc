@@ -58,14 +58,13 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
           << document.filename() << " names " << option;
 }
 
-// The table of docs/methods.md holds what --list-methods prints, with a column for each method;
-// what is too wide for a line of it stands below, a line for each method.
+// The table of docs/methods.md holds what --list-methods prints, with a column for each method.
+// A slot that is too wide for it is a list below, an item for each method.
 TEST(Docs, ListTheMethodsThatThereAre) {
   const std::string document =
       testing_apps::read_text(fs::path(NERF_SOURCE_DIR) / "docs" / "methods.md");
   std::istringstream lines(methods_table());
-  std::vector<std::vector<std::string>>
-      methods;  // the names of the slots, then each method's cells
+  std::vector<std::vector<std::string>> methods;  // names of the slots, then each method's cells
   for (std::string line; std::getline(lines, line);) {
     methods.emplace_back();
     for (size_t at = 0; at < line.size();) {
