@@ -16,10 +16,10 @@ struct ConePoint {
   T along, across, cosine, sine;
 };
 
-// Of the stretch that ends `half` before and behind its middle, which is `distance` from the apex
-// (half <= distance, distance > 0), of a cone with this radius at distance 1. The points wind
-// around the ray, the other way round when `reversed`, turned by the angle whose cosine and sine
-// are given.
+// Points of a stretch of a cone with this radius at distance 1. The stretch ends `half` before and
+// behind its middle, which is `distance` from the apex (half <= distance, distance > 0). The points
+// wind around the ray, the other way round when `reversed`, turned by the angle whose cosine and
+// sine are given.
 template <class T>
 std::array<ConePoint<T>, kConePoints> cone_points(T distance, T half, T radius, bool reversed,
                                                   T cosine, T sine) {
