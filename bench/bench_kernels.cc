@@ -215,12 +215,10 @@ int bench_kernels(int argc, char** argv) {
       "of the hash grid counts its point, its features and eight rows of each level (backward\n"
       "these are read, written and marked); gradient roulette counts what it reads.\n"
       "A kernel's ceiling, named behind its unit, is measured in the same run with the same\n"
-      "instructions and threads. The hash grid's ceiling takes every corner for a random row of "
-      "its\n"
-      "level's table; neighbouring samples share corners, so that more than 100 % is possible. "
-      "Bytes\n"
-      "read and written are held against reading as much memory: 200 % means that writing cost no\n"
-      "more than reading."};
+      "instructions and threads. The hash grid's ceiling takes every corner for a random row of\n"
+      "its level's table; neighbouring samples share corners, so more than 100 % is possible.\n"
+      "Bytes read and written are held against reading as much memory: 200 % means that writing\n"
+      "cost no more than reading."};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
   log_machine("nerf_bench kernels", ThreadPool(options.threads).size(), Precision::kAuto);
   return KernelBench(options).run();

@@ -36,11 +36,11 @@ struct Condition {
 };
 
 struct TableChoice {
-  std::vector<std::string> columns;  // names of those to print; none: all but commit and load
-  std::vector<std::string> across;   // text columns whose values become columns of figures
-  std::vector<Condition> where;      // all must hold
-  bool any_load = false;             // rows that were not measured alone as well
-  bool history = false;              // every row, not only the newest of each key
+  std::vector<std::string> columns{};  // names of those to print; none: all but commit and load
+  std::vector<std::string> across{};   // text columns whose values become columns of figures
+  std::vector<Condition> where{};      // all must hold
+  bool any_load = false;               // rows that were not measured alone as well
+  bool history = false;                // every row, not only the newest of each key
 };
 
 // The newest row of each key, in the order of the file, as a Markdown table; "" where none is left.
