@@ -113,7 +113,7 @@ int bench_error(int argc, char** argv) {
                          "  nerf_bench error data/demo --downscale 2 -o runs/error\n"
                          "  nerf_bench error --curves skips --run runs/demo -o runs/error"};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
-  // What lacks for pictures shows before hours of training.
+  // Whatever pictures lack shows before hours of training.
   if (options.wants("skips") && !options.run.empty()) skips_scene(options, options.run);
   ThreadPool pool(options.threads);
   log_machine("nerf_bench error", pool.size(), Precision::kAuto);

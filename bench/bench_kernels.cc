@@ -211,14 +211,14 @@ int bench_kernels(int argc, char** argv) {
       "nerf_bench kernels",
       "Throughput of the kernels and the share of what the machine reaches at most.",
       "FLOPs are 2 for each multiply-add of the unpadded layers, three times as many forward and\n"
-      "backward. Bytes are those that a kernel must read and write, from a cache or not: of a\n"
-      "sample of the hash grid its point, its features and eight rows of each level (backward\n"
-      "these are read, written and marked); of gradient roulette what it reads.\n"
+      "backward. Bytes are those that a kernel must read and write, from a cache or not. A sample\n"
+      "of the hash grid counts its point, its features and eight rows of each level (backward\n"
+      "these are read, written and marked); gradient roulette counts what it reads.\n"
       "A kernel's ceiling, named behind its unit, is measured in the same run with the same\n"
-      "instructions and threads. That of the hash grid takes every corner for a random row of its\n"
-      "level's table; neighbouring samples share corners, so more than 100 % can be. Bytes read\n"
-      "and written stand against a ceiling of reading as much memory: 200 % where writing cost no\n"
-      "more than reading."};
+      "instructions and threads. The hash grid's ceiling takes every corner for a random row of\n"
+      "its level's table; neighbouring samples share corners, so more than 100 % is possible.\n"
+      "Bytes read and written are held against reading as much memory: 200 % means that writing\n"
+      "cost no more than reading."};
   if (parse_command_line(argc, argv, text, options).exit) return kExitOk;
   log_machine("nerf_bench kernels", ThreadPool(options.threads).size(), Precision::kAuto);
   return KernelBench(options).run();

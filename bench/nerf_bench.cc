@@ -1,4 +1,4 @@
-// nerf_bench: the measurements whose figures stand in docs/benchmarks.md.
+// nerf_bench: the measurements whose figures bench/results holds and docs/benchmarks.md shows.
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -18,6 +18,7 @@ constexpr const char* kHelp =
     "  kernels       times the kernels beside what the machine reaches at most\n"
     "  error [SCENE] curves of cost against error: quadrature, training, rendering, width\n"
     "  ablation SCENE  trains a paper's method with one part taken out at a time\n"
+    "  tables [FILE] prints kept measurements as Markdown tables\n"
     "nerf_bench COMMAND --help says more.\n";
 
 int bench_main(int argc, char** argv) {
@@ -35,7 +36,9 @@ int bench_main(int argc, char** argv) {
   if (command == "kernels") return bench_kernels(argc - 1, argv + 1);
   if (command == "error") return bench_error(argc - 1, argv + 1);
   if (command == "ablation") return bench_ablation(argc - 1, argv + 1);
-  const std::vector<std::string> known = {"scene", "render", "kernels", "error", "ablation"};
+  if (command == "tables") return bench_tables(argc - 1, argv + 1);
+  const std::vector<std::string> known = {"scene", "render",   "kernels",
+                                          "error", "ablation", "tables"};
   throw Error("unknown command '" + command + "'", "", nearest_name_hint(command, known));
 }
 

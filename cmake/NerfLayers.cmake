@@ -1,4 +1,5 @@
-# A layer is src/<layer>/*.cc, and the FOLDERS below it that are named, as an object library; the installed library is all of them together.
+# A layer is an object library of src/<layer>/*.cc and of the FOLDERS below it that are named. The installed library is
+# all layers together.
 set(NERF_LAYERS "" CACHE INTERNAL "")
 set(NERF_LINK "" CACHE INTERNAL "")
 # What a program must be compiled with to agree with the library about its types (base/real.h).

@@ -99,7 +99,7 @@ class ContainerReader {
     static_assert(std::is_arithmetic_v<T>);
     read_bytes(name, {reinterpret_cast<uint8_t*>(out.data()), out.size_bytes()});
   }
-  // The same of a raw section, into rows that lie apart.
+  // The same for a raw section, into rows that lie apart.
   template <class T>
   void read(const std::string& name, const Strided<T>& out) const {
     static_assert(std::is_arithmetic_v<T>);

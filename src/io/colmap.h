@@ -70,7 +70,8 @@ class ColmapBuilder {
 // `id` as in cameras.bin: an Error that names it and the way out, where it is not one of ours.
 CameraModel colmap_camera_model(const Cursor& at, int64_t id);
 
-// How many parameters COLMAP's files give a camera. Of EQUIRECTANGULAR they are width and height.
+// Number of parameters that COLMAP's files give a camera; for EQUIRECTANGULAR they are width and
+// height.
 int colmap_camera_params(CameraModel model);
 
 // Read one file each; in this order.

@@ -31,9 +31,9 @@ struct CutOutSearch {
   bool is_frame = false;
 };
 
-// Whether in nearly all of the photos, of which a few are looked at, the border is of one flat
-// colour that the outline of something else is in, another outline from photo to photo. Photos of
-// 16 bits or floats have none.
+// Looks at a few of the photos: whether the border of nearly all has one flat colour, within which
+// there is the outline of something else, another outline from photo to photo. Photos of 16 bits or
+// floats have none.
 CutOutSearch find_cut_out(std::span<const std::filesystem::path> photos);
 
 // The colour that the photos' background is cut out to, if it is, by the option and by the photos;

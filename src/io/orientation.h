@@ -16,7 +16,8 @@ struct ShownPixels {
   int64_t at(int64_t x, int64_t y) const { return origin + x * step_x + y * step_y; }
 };
 
-// Of a stored picture of that size. `orientation` is EXIF's, 1 to 8 (JEITA CP-3451, tag 274).
+// How a stored picture of that size is shown. `orientation` is EXIF's, 1 to 8 (JEITA CP-3451, tag
+// 274).
 inline ShownPixels shown_pixels(int orientation, int stored_width, int stored_height) {
   const int64_t w = stored_width, h = stored_height;
   switch (orientation) {

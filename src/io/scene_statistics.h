@@ -11,11 +11,11 @@ namespace nerf::internal {
 // Value at a fraction of the sorted list. 0 for an empty one.
 double quantile(std::vector<double> values, double fraction);
 
-// Of each coordinate by itself.
+// The median of each coordinate by itself.
 Vec3d median_position(const std::vector<Vec3d>& positions);
 
 // Which values belong to the crowd: at most `factor` times the quantile at 0.8, so that no fifth of
-// them can change it. Of a list whose quantile is 0 all do. Values are not negative.
+// them can change it. All do where the quantile is 0. Values are not negative.
 std::vector<char> in_the_crowd(const std::vector<double>& values, double factor);
 
 // Where content begins and ends, engine units, of an unbounded scene whose points lie at these

@@ -20,7 +20,7 @@ void collect_unread(const nlohmann::json& object, std::set<std::string>& unread)
 std::vector<std::string> describe_unread(const std::set<std::string>& unread,
                                          const std::string& file);
 
-// Of the whole file: ply_file_path, up, orientation_override. `where` is the file.
+// Reads the entries of the whole file: ply_file_path, up, orientation_override.
 void read_common_entries(const nlohmann::json& root, const std::filesystem::path& file,
                          SceneInput& input);
 

@@ -53,7 +53,7 @@ void bf16_pack_rows(int64_t rows, int64_t depth, const float* x, int64_t ld, uin
 // Blocks of the right factor: depth rows x 16 column_blocks columns of x.
 void bf16_pack_pairs(int64_t depth, int64_t column_blocks, const float* x, int64_t ld,
                      uint16_t* out);
-// The same of the transpose: x has `columns` rows of `depth` floats, as bf16_pack_rows() takes
+// The same for the transpose: x has `columns` rows of `depth` floats, as bf16_pack_rows() takes
 // them.
 void bf16_pack_pairs_transposed(int64_t columns, int64_t depth, const float* x, int64_t ld,
                                 uint16_t* out);

@@ -34,14 +34,15 @@ std::set<std::string> options_in(const std::string& text) {
 }
 
 TEST(Docs, NameOnlyOptionsThatAProgramHas) {
-  std::set<std::string> known = {"--help"};
+  std::set<std::string> known = {"--help", "--help-all"};
   for (const Command& program :
-       {Command{NERF_TRAIN_PROGRAM, "--help"}, Command{NERF_RENDER_PROGRAM, "--help"},
+       {Command{NERF_TRAIN_PROGRAM, "--help-all"}, Command{NERF_RENDER_PROGRAM, "--help-all"},
         Command{NERF_BENCH_PROGRAM, "scene", "--help"},
         Command{NERF_BENCH_PROGRAM, "render", "--help"},
         Command{NERF_BENCH_PROGRAM, "kernels", "--help"},
         Command{NERF_BENCH_PROGRAM, "error", "--help"},
-        Command{NERF_BENCH_PROGRAM, "ablation", "--help"}})
+        Command{NERF_BENCH_PROGRAM, "ablation", "--help"},
+        Command{NERF_BENCH_PROGRAM, "tables", "--help"}})
     known.merge(options_in(
         testing_apps::run_program(program[0], {program.begin() + 1, program.end()}).out));
   ASSERT_TRUE(known.contains("--grid-levels"));
@@ -57,25 +58,57 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
           << document.filename() << " names " << option;
 }
 
-// The table of docs/methods.md is what --list-methods prints, cell by cell.
+// The table of docs/methods.md holds what --list-methods prints, with a column for each method.
+// A slot that is too wide for it is a list below, an item for each method.
 TEST(Docs, ListTheMethodsThatThereAre) {
   const std::string document =
       testing_apps::read_text(fs::path(NERF_SOURCE_DIR) / "docs" / "methods.md");
-  const std::string table = methods_table();
-  std::istringstream lines(table);
-  int rows = 0;
-  for (std::string line; std::getline(lines, line); ++rows) {
-    std::string row;
+  std::istringstream lines(methods_table());
+  std::vector<std::vector<std::string>> methods;  // names of the slots, then each method's cells
+  for (std::string line; std::getline(lines, line);) {
+    methods.emplace_back();
     for (size_t at = 0; at < line.size();) {
       size_t end = std::min(line.find("  ", at), line.size());
-      const std::string cell = line.substr(at, end - at);
-      row += rows > 0 && at == 0 ? "| `" + cell + "` " : "| " + cell + " ";
+      methods.back().push_back(line.substr(at, end - at));
       while (end < line.size() && line[end] == ' ') ++end;
       at = end;
     }
-    EXPECT_NE(document.find(row + "|\n"), std::string::npos) << row;
+    ASSERT_EQ(methods.back().size(), methods[0].size()) << line;
   }
-  EXPECT_GE(rows, 5);
+  ASSERT_GE(methods.size(), 5u);
+  for (size_t slot = 0; slot < methods[0].size(); ++slot) {
+    std::string row = "|", list;
+    for (size_t m = 0; m < methods.size(); ++m) {
+      const std::string cell = methods[m][slot], name = "`" + methods[m][0] + "`";
+      row += " " + (m > 0 && slot == 0 ? name : cell) + " |";
+      if (m > 0) list += "- " + methods[0][slot] + " of " + name + ": " + cell + "\n";
+    }
+    EXPECT_NE(document.find(row.size() > 120 ? list : row + "\n"), std::string::npos) << row;
+  }
+}
+
+// Each table of docs/benchmarks.md below a command of nerf_bench tables is what the command prints.
+TEST(Docs, ShowTheFiguresThatAreKept) {
+  const fs::path root = NERF_SOURCE_DIR;
+  std::istringstream lines(testing_apps::read_text(root / "docs" / "benchmarks.md"));
+  int tables = 0;
+  for (std::string line; std::getline(lines, line);) {
+    if (line != "```") continue;
+    std::string command;
+    while (std::getline(lines, line) && line != "```") command += line + "\n";
+    if (!command.starts_with("nerf_bench tables")) continue;
+    while (std::getline(lines, line) && line.empty()) {
+    }
+    std::string shown;
+    for (; line.starts_with('|'); std::getline(lines, line)) shown += line + "\n";
+    const auto result = testing_apps::run_program(
+        "/bin/sh",
+        {"-c", "cd \"$0\"; program=$1; nerf_bench() { \"$program\" \"$@\"; }\n" + command,
+         root.string(), NERF_BENCH_PROGRAM});
+    EXPECT_EQ(result.out, shown) << command << result.err;
+    ++tables;
+  }
+  EXPECT_GE(tables, 5);
 }
 
 }  // namespace

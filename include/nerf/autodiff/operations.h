@@ -110,11 +110,11 @@ Value mean_of_groups(Tape& tape, Value weights, Value x);
 // of x: for losses that are computed beside the tape (parts/losses.h).
 void add_gradient(Tape& tape, Value x, Value gradient);
 
-// Russian roulette (kernels/roulette.h) on the gradient of x [rows x samples], when all operations
-// recorded after this one have added to it: those before it go back with the samples that are kept
-// only, as if the chunk had no others (Chunk::roulette). Values of samples recorded before it, x
-// among them, are moved accordingly and no longer what they were; values of groups there may be
-// none, and one roulette on a tape. `least` of 0 leaves out what has no gradient at all.
+// Russian roulette (kernels/roulette.h) on the gradient of x [rows x samples], once all operations
+// recorded after this one have added to it. Operations recorded before it go back with the kept
+// samples alone, as if the chunk had no others (Chunk::roulette). Values of samples recorded before
+// it, x among them, are moved accordingly and lose what they were. A tape may have one roulette,
+// and no values of groups before it. `least` of 0 leaves out only what has no gradient at all.
 void roulette(Tape& tape, Value x, Real least);
 
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the

@@ -51,9 +51,8 @@ struct Chunk {
     std::vector<Real> share, per_light;
   };
   Groups groups;
-  // Where roulette() is on the tape: its random number in [0, 1), which the caller sets, and the
-  // samples that the backward pass went on with. `samples` and `ray_begin` are of those from then
-  // on.
+  // For a tape with roulette(): its random number in [0, 1), which the caller sets, and the samples
+  // that the backward pass went on with. From then on `samples` and `ray_begin` count those alone.
   struct Roulette {
     double offset = 0.5;
     std::vector<int32_t> kept, ray_begin;
@@ -66,7 +65,7 @@ struct Chunk {
   };
   std::vector<Bound> bound;  // of each value, see bind()
 
-  // Not of a value that stands as pairs.
+  // Not for a value that stands as pairs.
   Real* data(Value v);
   const Real* data(Value v) const;
   // Whether the value stands as pairs in this chunk (kernels/linear_bf16.h): between two layers, in
@@ -74,9 +73,9 @@ struct Chunk {
   bool has_pairs(Value v) const;
   uint16_t* pairs(Value v);
   Real* gradient(Value v);
-  // Where the value, and the gradient of an input that has one, are from now on: memory of the
-  // caller's [rows x stride(v)], aligned to 64 bytes; null for the chunk's own. Spares a copy, or
-  // lets values outlive the chunk's next samples.
+  // Puts the value, and the gradient of an input that has one, into memory of the caller's [rows x
+  // stride(v)], aligned to 64 bytes; null for the chunk's own. This spares a copy, or lets values
+  // outlive the chunk's next samples.
   void bind(Value v, Real* data, Real* gradient);
   int64_t stride(Value v) const;  // floats between rows
   int64_t count(Value v) const;   // columns in use

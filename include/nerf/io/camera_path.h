@@ -78,10 +78,9 @@ struct PathOptions {
 //   camera's x axis is horizontal in every frame;
 // - use a pinhole camera with the focal length and image size most common among the training views
 //   and the principal point in the middle (fisheyes: at most 90 degrees wide);
-// - look at the point nearest to all training cameras' optical axes. Where these are too parallel
-// to
-//   tell, at the middle of the engine's frame, or a distance derived from near and far; where most
-//   cameras look away from the point (a panorama), away from it;
+// - look at the point nearest to all training cameras' optical axes. Where these are too parallel,
+//   they look at the middle of the engine's frame, or to a distance derived from near and far;
+//   where most cameras look away from the point (a panorama), they look away from it;
 // - close: the frame after the last would be the first. (interpolate does not.)
 // What they do where a capture does not suit them:
 // - orbit: at each azimuth as far away and as high as the cameras there. Cameras that do not stand

@@ -24,8 +24,8 @@ void check_camera_model(const std::string& name);
 // or "auto": OPENCV for a camera that took many photos, SIMPLE_RADIAL for one that took few.
 // Everything is written below folders.work, nothing beside the photos. Returns a folder that
 // load_scene and other programs read: images/ (a link to the photos) and sparse/0. A model that an
-// earlier call finished for the same photos is used again; of a call that fails or is stopped,
-// features and matches are. `progress` gets lines for a person. Up to 150 photos every pair is
+// earlier call finished for the same photos is used again; so are features and matches of a call
+// that failed or was stopped. `progress` gets lines for a person. Up to 150 photos every pair is
 // matched, beyond that those that may show the same things. Where too few photos are placed other
 // settings are tried; of several models that do not join the largest counts. Throws Error: colmap
 // not installed (with the command that installs it), a truncated photo, colmap failed, no model.

@@ -42,7 +42,7 @@ struct Observation {
 enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kLlff, kPhotos, kVideo };
 enum class Split {
   kTest,  // held-out = indices 0, 8, 16, ... of the views sorted bytewise by name, or the test file
-  kDev,   // test views removed; of the training views every 8th is held out instead, for tuning
+  kDev,   // test views removed; every 8th training view is held out instead, for tuning
   kNone,  // everything trains, nothing is held out
 };
 
@@ -96,7 +96,7 @@ struct Scene {
   std::optional<Rgb8> cut_out;            // photos get alpha where they have this background
 
   // Input coordinates to engine coordinates: +z up, centred on what the cameras look at. A bounded
-  // scene fits [-1, 1]^3; of an unbounded one the region between the cameras does.
+  // scene fits [-1, 1]^3; in an unbounded one the region between the cameras does.
   Similarity to_engine;
   bool unbounded = false;
   double near = 0;  // engine units; no sample closer to a camera than this
@@ -107,8 +107,8 @@ struct Scene {
 };
 
 // Detects the format (in the order of SceneFormat), reads, checks and normalises. `path` is the
-// scene's folder, a transforms .json or a video file. Of a COLMAP scene the images are those of
-// images/, or where there are none of images_2, images_4 or images_8. Runs colmap or ffmpeg for
+// scene's folder, a transforms .json or a video file. The images of a COLMAP scene are those of
+// images/, or else of images_2, images_4 or images_8. Runs colmap or ffmpeg for
 // photos and videos, in options.work_folder; a model found there from an earlier run on the same
 // photos is used again. `progress` gets lines for a person while those programs run, `cancel` stops
 // them. Throws Error, Cancelled.

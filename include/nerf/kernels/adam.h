@@ -14,8 +14,8 @@ struct AdamStep {
   Real l2 = 0;  // added to the gradient as l2 * weight
 };
 
-// A gradient beyond this counts as this, of its sign: its square would be infinite, and so would v
-// be for ever after, which holds a weight where it is. One that is no number stays none.
+// A larger gradient counts as this, with its sign: its square would be infinite, v would stay so
+// for ever, and the weight could not move. A gradient that is not a number stays so.
 inline constexpr Real kMostGradient = 1e18_r;
 
 // One step over n parameters; `step` counts from 1. n is a multiple of kLane (linear.h); arrays are
@@ -41,7 +41,7 @@ int64_t list_rows(int64_t rows, uint8_t* marks, uint32_t* list);
 // bias_corrections(...).
 void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,
                Real* gradient, Real* states, Real* weights, const Real* correction);
-// The same of weights that stand in the states (kRowWeights); rounded receives them as half floats
+// The same for weights that stand in the states (kRowWeights); rounded receives them as half floats
 // [..][features], from 32 bits to nearest, ties to even, those beyond the largest (65504) as that
 // one.
 void adam_rows(const AdamStep& options, int features, const uint32_t* list, int64_t count,

@@ -13,7 +13,7 @@
 
 namespace nerf {
 
-// Of the operands of linear layers; sums and everything else are f32 in both.
+// Precision of the operands of linear layers; sums and everything else are f32 in both.
 enum class Precision {
   kAuto,  // bf16 where it is the faster one
   kF32,
@@ -34,7 +34,7 @@ enum class Bf16Unit {
 // environment variable NERF_BF16 names. kNone where there is none, or where the kernels run on
 // another target than AVX-512 (simd.h). Throws Error where NERF_BF16 names one that is not here.
 Bf16Unit bf16_unit();
-// Those of this processor, best first, without kNone.
+// The units of this processor, best first, without kNone.
 std::vector<Bf16Unit> bf16_units();
 std::string bf16_unit_name(Bf16Unit unit);  // "AMX_BF16", "AVX512_BF16", "none"
 // For tests and benchmarks; not while kernels run.
@@ -47,8 +47,8 @@ Precision resolve_precision(Precision wanted);
 // "f32" or "bf16 (AMX_BF16)", of a resolved one.
 std::string precision_name(Precision precision);
 
-// Nearest, ties to even; not-a-number stays one; a result below the normal numbers is 0. The same
-// on every target. No alignment is needed.
+// Rounds to nearest, ties to even. A not-a-number stays one; a result below the normal numbers is
+// 0. The same on every target. No alignment is needed.
 void round_to_bf16(int64_t n, const float* x, uint16_t* out);
 void widen_bf16(int64_t n, const uint16_t* x, float* out);
 

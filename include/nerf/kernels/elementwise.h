@@ -1,6 +1,6 @@
 // Elementwise functions over n floats (n rounded up to kLane, pointers 64-byte aligned unless
-// said). Of a not-a-number they may make any number, as a ReLU does: whether a step went wrong is
-// told by its gradients (Trainer), not by what a network gives.
+// said). They may turn a not-a-number into any number, as a ReLU does: gradients tell whether a
+// step went wrong (Trainer), not what a network gives.
 #pragma once
 
 #include <cstdint>

@@ -23,7 +23,7 @@ struct HashGridLevel {
   int features = 4;         // of an entry, 2 or 4
   bool dense = false;
 
-  // Of the whole table, whose rows are those of all levels: this level's first float.
+  // This level's first float in the whole table, which holds the rows of all levels.
   uint64_t begin() const { return offset * static_cast<uint64_t>(features); }
 };
 
@@ -46,7 +46,7 @@ HashGridShape hash_grid_shape(int levels, int log2_entries, int base_resolution,
 // rounded up to kLane (linear.h).
 void hash_grid_forward(const HashGridLevel& level, const Real* table, const Real* x, const Real* y,
                        const Real* z, int64_t n, Real* features, int64_t ld);
-// The same of a table of half floats (IEEE 754, 16 bits), aligned to one row.
+// The same for a table of half floats (IEEE 754, 16 bits), aligned to one row.
 void hash_grid_forward(const HashGridLevel& level, const uint16_t* table, const Real* x,
                        const Real* y, const Real* z, int64_t n, Real* features, int64_t ld);
 

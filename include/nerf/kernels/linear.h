@@ -23,7 +23,7 @@ enum class LinearActivation { kNone, kRelu };
 // one column or row behind the other. A pack holds both; who multiplies by the same weights many
 // times makes it once. Only the SIMD target that made it can read it.
 void linear_pack(int in, int out, const Real* w, Real* pack);
-// In numbers, a multiple of kLane; 0 of a layer that is not wide.
+// Length of a pack in numbers, a multiple of kLane; 0 for a layer that is not wide.
 int64_t linear_pack_size(int in, int out);
 
 // y[j][s] = act(bias[j] + sum_k w[j][k] x[k][s]); bias may be null. The same bits with the pack of

@@ -14,7 +14,7 @@
 
 namespace nerf {
 
-// In elements; a multiple of 512, so that packs can stand one behind the other.
+// Length of a pack in elements, a multiple of 512, so that packs can stand one behind the other.
 int64_t packed_layer_size(int in, int out);
 // `packed` aligned to 64 bytes.
 void pack_layer(int in, int out, const Real* w, uint16_t* packed);
@@ -24,7 +24,7 @@ void pack_layer(int in, int out, const Real* w, uint16_t* packed);
 // up to a multiple of 32 and 0 beyond the last. No product packs such an operand. The results are
 // the bits that rows give, but for masks of denormals, which are 0 as pairs.
 //
-// Where the number of a row and a column is, in elements from the first.
+// Place of the number in a row and a column, in elements from the first.
 inline int64_t pair_index(int rows, int row, int64_t column) {
   return (column / 16 * (round_up(rows, 32) / 2) + row / 2) * 32 + column % 16 * 2 + row % 2;
 }
@@ -33,7 +33,8 @@ inline int64_t pairs_size(int rows, int64_t n) { return round_up(n, 16) * round_
 // take: not where it is narrow, nor where its input is so wide that sums are stored on the way.
 bool layer_writes_pairs(int in, int out);
 
-// Rows of a layer's width, `ld` apart (linear.h), or pairs; one of both is null, or both for none.
+// Rows of a layer's width, `ld` apart (linear.h), or pairs. One of the two is null; both where
+// there are none.
 struct LayerInput {
   LayerInput(std::nullptr_t) {}
   LayerInput(const Real* r) : rows(r) {}

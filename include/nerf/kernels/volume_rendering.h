@@ -21,7 +21,7 @@ struct RayRanges {
   int count;
 };
 
-// What a value of each sample or of each ray consists of: three rows, `stride` apart.
+// The colours of samples or of rays: three rows, `stride` apart.
 template <class T>
 struct ColourRows {
   T* data;
@@ -33,7 +33,7 @@ struct ColourRows {
 // that reaches it, whatever its opacity.
 void render_weights_forward(RayRanges rays, bool opaque_end, Real* w);
 
-// From the weights and the loss's derivatives dw by them:
+// Derivatives by density, from the weights and the loss's derivatives dw by them:
 //   d_density_i = delta_i (T_{i+1} dw_i - sum_{j>i} w_j dw_j)
 // since more of sample i is seen and less of what is behind it. 0 for an opaque end. A length delta
 // beyond kLongestInterval (elementwise.h) counts as that.
@@ -46,14 +46,14 @@ void render_weights_backward(RayRanges rays, bool opaque_end, const Real* densit
 void composite_forward(RayRanges rays, Real* w, ColourRows<const Real> colour,
                        ColourRows<const Real> background, ColourRows<Real> pixel);
 
-// From derivatives by the four rows of pixels. The opacity behaves as a fourth colour of 1 over a
-// background of 0; what is behind a sample ends in the background.
+// Finds derivatives from those by the four rows of pixels. The opacity behaves as a fourth colour
+// of 1 over a background of 0; what is behind a sample ends in the background.
 void composite_backward(RayRanges rays, const Real* density, const Real* delta, const Real* w,
                         ColourRows<const Real> colour, ColourRows<const Real> background,
                         ColourRows<const Real> d_pixel, Real* d_density, ColourRows<Real> d_colour);
 
-// composite_forward() from weights that stay as they are; the light that is left is what they leave
-// of 1.
+// composite_forward() from weights that stay as they are; the light that is left is 1 less their
+// sum.
 void accumulate_forward(RayRanges rays, const Real* w, ColourRows<const Real> colour,
                         ColourRows<const Real> background, ColourRows<Real> pixel);
 

@@ -56,7 +56,7 @@ struct Camera {
   Camera scaled_to(int new_width, int new_height) const;
   // The same lens on rows [first, first + count) of the image alone.
   Camera rows(int first, int count) const;
-  // The same camera for poses in a unit of which there are `scale` in what was one.
+  // The same camera for poses in another unit, `scale` of which make one of the old.
   Camera in_unit(double scale) const;
 };
 

@@ -13,8 +13,9 @@ struct RayGaussian {
   T t_mean, t_variance, r_variance;
 };
 
-// Between t0 and t1 of a cone whose radius is `radius` at t = 1 (equation 7). In the form of
-// CamP's code, whose terms do not cancel: s = t0 + t1, d = t1 - t0, q = d^2 / (3 s^2 + d^2).
+// The stretch between t0 and t1 of a cone whose radius is `radius` at t = 1 (equation 7), in the
+// form of CamP's code, whose terms do not cancel: s = t0 + t1, d = t1 - t0, q = d^2 / (3 s^2 +
+// d^2).
 template <class T>
 RayGaussian<T> cone_gaussian(T t0, T t1, T radius) {
   const T s = t0 + t1, d = t1 - t0;
@@ -26,7 +27,8 @@ RayGaussian<T> cone_gaussian(T t0, T t1, T radius) {
           r2 * (s * s / T(16) + d2 * (T(5) / T(48) - q / T(15)))};
 }
 
-// Between t0 and t1 of a cylinder of this radius (for rays in normalised device coordinates).
+// The stretch between t0 and t1 of a cylinder of this radius (for rays in normalised device
+// coordinates).
 template <class T>
 RayGaussian<T> cylinder_gaussian(T t0, T t1, T radius) {
   const T d = t1 - t0;

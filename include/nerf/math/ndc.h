@@ -55,9 +55,9 @@ inline std::optional<Vec3d> point_to_ndc(const NdcFrame& frame, const Vec3d& p) 
   return Vec3d{frame.scale_x * c.x / c.z, frame.scale_y * c.y / c.z, 1 - 2 * frame.near / c.z};
 }
 
-// How long a stretch of the cube is beside the short stretch of the world that it is the image of,
-// from the point p along the unit direction d: the length of point_to_ndc's derivative. A density
-// per unit of the cube times this is one per unit of the world. 0 behind the reference camera.
+// Length in the cube per length in the world, at the point p along the unit direction d: the length
+// of point_to_ndc's derivative. A density per unit of the cube times this is one per unit of the
+// world. 0 behind the reference camera.
 inline double ndc_stretch(const NdcFrame& frame, const Vec3d& p, const Vec3d& d) {
   const Mat3d to_camera = frame.reference.rotation.transposed();
   const Vec3d c = to_camera * (p - frame.reference.translation), g = to_camera * d;

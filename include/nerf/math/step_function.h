@@ -77,7 +77,7 @@ void invert_sorted(std::span<const T> edges, std::span<const T> cdf, std::span<c
     const T share = by_real_part::less(T(0), mass)
                         ? by_real_part::clamp((u[i] - cdf[bin]) / mass, T(0), T(1))
                         : T(0);
-    // Of the form that reproduces both edges exactly.
+    // In the form that reproduces both edges exactly.
     out[i] = by_real_part::equal(share, T(1)) ? edges[bin + 1]
                                               : edges[bin] + share * (edges[bin + 1] - edges[bin]);
   }

@@ -86,7 +86,7 @@ class IntervalSampler {
 
   // Distance of an entry of a level.
   Real distance(Real entry) const;
-  // The same of the entry that follows one at distance t, at least t: rounding may take the
+  // The same for the entry that follows one at distance t, at least t: rounding may take the
   // distance of neighbouring numbers below each other.
   Real distance_after(Real t, Real entry) const { return std::max(t, distance(entry)); }
   // Normalised distance of an entry, in [0, 1].

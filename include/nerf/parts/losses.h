@@ -1,5 +1,5 @@
-// Losses on the weights along one ray, with their gradients. Histograms: n bins between n + 1
-// sorted edges in normalised distance s in [0, 1], a weight each.
+// Losses on the light weights along one ray, with their gradients. A histogram has n bins between n
+// + 1 sorted edges in normalised distance s in [0, 1], and a weight for each bin.
 #pragma once
 
 #include <span>
@@ -13,7 +13,7 @@ namespace nerf {
 double distortion_loss(std::span<const Real> edges, std::span<const Real> weights, Real scale,
                        std::span<Real> d_weights);
 
-// The same of n intervals in order that may leave gaps: the middle and the width of each.
+// The same for n intervals in order that may leave gaps: the middle and the width of each.
 double distortion_loss(std::span<const Real> middles, std::span<const Real> widths,
                        std::span<const Real> weights, Real scale, std::span<Real> d_weights);
 

@@ -82,7 +82,7 @@ class OccupancyGrid {
   // Takes in the opacity seen at one random point of a cell: a running mean over its points, so
   // that matter which fills little of a cell is not lost between two hits.
   void observe(int cascade, int64_t cell, Real seen) { observe(index(cascade, cell), seen); }
-  // The same of a cell numbered among those of all cascades: cascade * cells() + cell.
+  // The same for a cell numbered among those of all cascades: cascade * cells() + cell.
   void observe(size_t cell_of_all, Real seen) {
     Real& a = opacity_[cell_of_all];
     if (a < 0 || !(seen >= 0)) return;

@@ -54,8 +54,8 @@ class RaySampler {
   // skipped, however many samples it takes.
   int sample_all(const Ray& ray, int per_cell, RaySamples& out);
 
-  // Of the last ray: its occupied segments, the point where the march began (found in double, since
-  // far from the scene float has no digits left for it) and that point's distance from the origin.
+  // Occupied segments of the last ray, the point where its march began (found in double, since far
+  // from the scene float has no digits left for it) and that point's distance from the origin.
   std::span<const Segment> segments() const {
     return {segments_.data(), static_cast<size_t>(segment_count_)};
   }
@@ -66,8 +66,8 @@ class RaySampler {
   struct Traversal;
   struct Passage;
   void march(const Ray& ray, Real min_transmittance);
-  // Through the bricks of one cascade from t on, until the ray leaves it; returns where, and
-  // changes `cascade` to the one it enters (cascades() behind the outermost).
+  // Marches through the bricks of one cascade from t on, until the ray leaves it. Returns where,
+  // and changes `cascade` to the one it enters (cascades() behind the outermost).
   Real march_cascade(Traversal& v, int& cascade, Real t);
   void march_brick(Traversal& v, int cascade, const Passage& passage);
   int choose_count(bool follow_cache);
@@ -77,8 +77,7 @@ class RaySampler {
   Box3 clip_;
   std::vector<Segment> segments_;  // of fixed size; the first segment_count_ are in use
   int segment_count_ = 0;
-  // Of each segment: what it and a length of one cell stop, and its mass in the coarse
-  // distribution.
+  // What each segment and one cell's length of it stop, and its mass in the coarse distribution.
   AlignedArray<Real> thickness_, one_, opacity_;
   std::vector<Real> mass_;
   // Where each begins and ends, and the mass up to there; mass and matter below each, and of all.

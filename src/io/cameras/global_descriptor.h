@@ -19,7 +19,7 @@ class GlobalDescriptor {
   // at even steps, so that the same sample gives the same words.
   explicit GlobalDescriptor(std::span<const uint8_t> sample);
 
-  // Of length 1, [kWords x kDescriptorBytes] values; empty for a photo without features.
+  // A vector of length 1, [kWords x kDescriptorBytes] values; empty for a photo without features.
   std::vector<float> of(std::span<const uint8_t> descriptors) const;
 
  private:

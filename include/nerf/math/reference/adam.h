@@ -14,8 +14,8 @@ struct AdamOptions {
   double l2 = 0;  // added to the gradient as l2 * weight
 };
 
-// A gradient beyond this counts as this, of its sign: its square would be infinite in float, and so
-// would v be for ever after. One that is no number stays none.
+// A larger gradient counts as this, with its sign: its square would be infinite in float, and v
+// would stay so for ever. A gradient that is not a number stays so.
 inline constexpr double kMostGradient = 1e18;
 template <class T>
 T counted_gradient(T g) {

@@ -24,7 +24,7 @@ T distortion_loss(const std::vector<double>& middles, const std::vector<double>&
   return sum;
 }
 
-// The same of the bins between edges s.
+// The same for the bins between edges s.
 template <class T>
 T distortion_loss(const std::vector<double>& s, const std::vector<T>& w) {
   std::vector<double> middles, widths;

@@ -1,5 +1,5 @@
-// Specification of the losses of pixels (autodiff/operations.h): of one channel's error e, value
-// and derivative. The Huber loss has a header of its own (huber.h).
+// Specification of the losses of pixels (autodiff/operations.h): value and derivative for one
+// channel's error e. The Huber loss has a header of its own (huber.h).
 #pragma once
 
 #include <array>
