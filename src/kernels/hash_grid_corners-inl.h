@@ -31,13 +31,16 @@ template <int F>
 using Row = hn::CappedTag<float, F>;
 
 template <class D>
-HWY_INLINE hn::Vec<D> load_features(D d, const float* row) {
-  return hn::LoadU(d, row);
+HWY_INLINE hn::Vec<D> to_floats(D, hn::Vec<D> row) {
+  return row;
 }
 template <class D>
-HWY_INLINE hn::Vec<D> load_features(D d, const uint16_t* row) {
-  const hn::Rebind<hwy::float16_t, D> half;
-  return hn::PromoteTo(d, hn::BitCast(half, hn::LoadU(hn::Rebind<uint16_t, D>(), row)));
+HWY_INLINE hn::Vec<D> to_floats(D d, hn::Vec<hn::Rebind<uint16_t, D>> row) {
+  return hn::PromoteTo(d, hn::BitCast(hn::Rebind<hwy::float16_t, D>(), row));
+}
+template <class D, class T>
+HWY_INLINE hn::Vec<D> load_features(D d, const T* row) {
+  return to_floats(d, hn::LoadU(hn::Rebind<T, D>(), row));
 }
 
 // A level's table of more bytes than this is far away: its rows are asked for ahead.

@@ -25,13 +25,12 @@ template <bool kDense, int F, class T>
 HWY_INLINE hn::Vec<hn::CappedTag<float, 2 * F>> load_pair(const Corners& c, int k, int i,
                                                           const T* HWY_RESTRICT table) {
   const hn::CappedTag<float, 2 * F> pair;
-  constexpr int kShift = F == 4 ? 2 : 1;
   if constexpr (kDense) {
     return load_features(pair, table + c.low[k][i]);
   } else {
-    const Row<F> d;
-    return hn::Combine(pair, load_features(d, table + high_row<kDense, kShift>(c, k, i)),
-                       load_features(d, table + c.low[k][i]));
+    const auto low = hn::LoadU(hn::Rebind<T, Row<F>>(), table + c.low[k][i]);
+    const auto high = hn::LoadU(hn::Rebind<T, Row<F>>(), table + c.high[k][i]);
+    return to_floats(pair, hn::Combine(hn::Rebind<T, decltype(pair)>(), high, low));
   }
 }
 
@@ -54,7 +53,6 @@ HWY_INLINE void multiply_rows(const Corners& c, int i, const T* HWY_RESTRICT tab
                               const float* HWY_RESTRICT g, Products& out) {
   const hn::CappedTag<float, 4> d4;
   const hn::CappedTag<float, 2 * F> pair;
-  constexpr int kShift = F == 4 ? 2 : 1;
   if constexpr (hn::MaxLanes(pair) == 2 * F) {
     const auto ga = hn::LoadDup128(pair, g), gb = hn::LoadDup128(pair, g + 4),
                gc = hn::LoadDup128(pair, g + 8), ge = hn::LoadDup128(pair, g + 12);
@@ -77,6 +75,7 @@ HWY_INLINE void multiply_rows(const Corners& c, int i, const T* HWY_RESTRICT tab
       }
     }
   } else {  // vectors of a single row
+    constexpr int kShift = F == 4 ? 2 : 1;
     const auto product = [&](size_t row, int j) HWY_ATTR {
       return hn::Mul(hn::Load(d4, g + 4 * j), load_features(d4, table + row));
     };
