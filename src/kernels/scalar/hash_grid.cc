@@ -57,7 +57,8 @@ void differentiate(const HashGridLevel& level, const Real* x, const Real* y, con
       Real product = 0;
       for (int f = 0; f < level.features; ++f)
         product += number(size_t{c.row} * level.features + f) * d_features[f * ld + s];
-      for (size_t i = 0; i < 3; ++i) sum[i] += c.weight[i] * product;
+      for (size_t i = 0; i < 3; ++i)
+        if (c.weight[i] != 0) sum[i] += c.weight[i] * product;  // as the template's
     }
     dx[s] += sum[0];
     dy[s] += sum[1];

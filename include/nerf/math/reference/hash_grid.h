@@ -112,7 +112,8 @@ std::array<T, 3> grid_position_backward(const GridLevel& level, const std::vecto
   for (const auto& c : grid_corner_slopes(level, p))
     for (size_t f = 0; f < level.features; ++f)
       for (size_t i = 0; i < 3; ++i)
-        d_p[i] += c.weight[i] * table[c.row * level.features + f] * d_features[f];
+        if (c.weight[i] != T(0))  // else nothing, even of infinity
+          d_p[i] += c.weight[i] * table[c.row * level.features + f] * d_features[f];
   return d_p;
 }
 
