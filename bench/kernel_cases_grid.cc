@@ -1,4 +1,4 @@
-// The hash grid's lookup and scatter, and Adam.
+// The hash grid's lookup, its scatter and its gradient by position, and Adam.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,21 +20,38 @@ HashGridShape shape_of(int log2_entries) {
   return hash_grid_shape(o.levels, log2_entries, o.base_resolution, GridOptions::kFinestUnbounded);
 }
 
+enum class Pass { kForward, kForwardHalf, kBackward, kPositionHalf };
+
+const char* name_of(Pass pass) {
+  switch (pass) {
+    case Pass::kForward:
+      return "forward";
+    case Pass::kForwardHalf:
+      return "forward in 16 bits";
+    case Pass::kBackward:
+      return "backward";
+    case Pass::kPositionHalf:
+      return "position gradient in 16 bits";
+  }
+  return "";
+}
+
 // All levels of a grid over one training batch, cut as a training step cuts it: forward by level
-// and sixteen chunks, backward by level.
+// and sixteen chunks, backward by level; by position level after level, which are added up.
 class Grid {
  public:
-  Grid(HashGridShape shape, int log2_samples, bool backward, bool half)
-      : shape_(std::move(shape)),
+  Grid(HashGridShape shape, int log2_samples, Pass pass)
+      : pass_(pass),
+        shape_(std::move(shape)),
         chunks_((int64_t{1} << log2_samples) / kChunkSamples),
         x_(static_cast<size_t>(samples())),
         y_(x_.size()),
         z_(x_.size()),
         features_(noise(static_cast<size_t>(shape_.features()) * x_.size(), 6)) {
-    if (backward) {
+    if (pass == Pass::kBackward) {
       gradient_ = AlignedArray<Real>(shape_.size());
       marks_ = AlignedArray<uint8_t>(shape_.rows);
-    } else if (half) {
+    } else if (pass != Pass::kForward) {
       // Bits of numbers between 1/4 and 1/2: only how fast they are read matters.
       half_ = AlignedArray<uint16_t>(shape_.size());
       for (size_t i = 0; i < half_.size(); ++i)
@@ -42,7 +59,17 @@ class Grid {
     } else {
       table_ = noise(shape_.size(), 4);
     }
+    if (pass == Pass::kPositionHalf) by_position_ = AlignedArray<Real>(3 * x_.size());
     place_samples();
+  }
+
+  void run(ThreadPool& pool) {
+    if (pass_ == Pass::kBackward)
+      backward(pool);
+    else if (pass_ == Pass::kPositionHalf)
+      by_position(pool);
+    else
+      forward(pool);
   }
 
   void forward(ThreadPool& pool) {
@@ -71,6 +98,19 @@ class Grid {
     });
   }
 
+  void by_position(ThreadPool& pool) {
+    std::ranges::fill(by_position_, 0.0_r);
+    Real *dx = by_position_.data(), *dy = dx + samples(), *dz = dy + samples();
+    for (int64_t l = 0; l < levels(); ++l)
+      pool.parallel_for(chunks_, [&](int64_t c) {
+        const HashGridLevel& level = shape_.levels[static_cast<size_t>(l)];
+        hash_grid_position_backward(level, half_.data() + level.begin(), x_.data() + at(c),
+                                    y_.data() + at(c), z_.data() + at(c), kChunkSamples,
+                                    features(c, l), kChunkSamples, dx + at(c), dy + at(c),
+                                    dz + at(c));
+      });
+  }
+
   // Samples per second if every corner were a random row of its level's table.
   double ceiling(Ceilings& c) const {
     double seconds = 0;
@@ -79,13 +119,14 @@ class Grid {
     return 1 / seconds;
   }
   // Of a sample, at each level: a point, its features or their gradient, and eight rows, which are
-  // read; backward they are written too, and marked.
+  // read; backward they are written too, and marked. A gradient by position is read and written.
   double bytes() const {
     double sum = 0;
     for (const HashGridLevel& level : shape_.levels) {
       const double row = static_cast<double>(row_bytes(level));
       sum += static_cast<double>(3 + level.features) * sizeof(Real) +
-             8 * (gradient_.size() > 0 ? 2 * row + sizeof(uint8_t) : row);
+             8 * (gradient_.size() > 0 ? 2 * row + sizeof(uint8_t) : row) +
+             (by_position_.size() > 0 ? 6 * sizeof(Real) : 0);
     }
     return sum;
   }
@@ -122,21 +163,22 @@ class Grid {
            (chunk * levels() + level) * shape_.features_per_entry() * kChunkSamples;
   }
 
+  Pass pass_;
   HashGridShape shape_;
   int64_t chunks_;
-  AlignedArray<Real> table_, gradient_;
+  AlignedArray<Real> table_, gradient_, by_position_;
   AlignedArray<uint16_t> half_;
   AlignedArray<uint8_t> marks_;
   AlignedArray<Real> x_, y_, z_, features_;
 };
 
-KernelRun grid_run(const HashGridShape& shape, int log2_samples, bool backward, bool half) {
-  auto grid = std::make_shared<Grid>(shape, log2_samples, backward, half);
+KernelRun grid_run(const HashGridShape& shape, int log2_samples, Pass pass) {
+  auto grid = std::make_shared<Grid>(shape, log2_samples, pass);
   KernelRun run;
   run.work = static_cast<double>(grid->samples());
   run.bytes = run.work * grid->bytes();
   run.ceiling = [grid](Ceilings& c) { return grid->ceiling(c); };
-  run.run = [=](ThreadPool& pool) { backward ? grid->backward(pool) : grid->forward(pool); };
+  run.run = [grid](ThreadPool& pool) { grid->run(pool); };
   return run;
 }
 
@@ -246,15 +288,11 @@ KernelRun adam_dense_run() {
 std::vector<KernelCase> grid_cases() {
   std::vector<KernelCase> cases;
   const auto add = [&](const HashGridShape& shape, int log2_entries, int log2_samples) {
-    for (const char* pass : {"forward", "forward in 16 bits", "backward"}) {
-      const bool backward = pass == std::string_view("backward");
-      const bool half = pass == std::string_view("forward in 16 bits");
+    for (Pass pass : {Pass::kForward, Pass::kForwardHalf, Pass::kBackward, Pass::kPositionHalf})
       cases.push_back(
           {fmt::format("hash grid {}x{} {}, 2^{} entries, 2^{} samples", shape.levels.size(),
-                       shape.features_per_entry(), pass, log2_entries, log2_samples),
-           Unit::kSamples, kBoundRows,
-           [=](int) { return grid_run(shape, log2_samples, backward, half); }});
-    }
+                       shape.features_per_entry(), name_of(pass), log2_entries, log2_samples),
+           Unit::kSamples, kBoundRows, [=](int) { return grid_run(shape, log2_samples, pass); }});
   };
   for (int log2_entries = 15; log2_entries <= 19; ++log2_entries)
     add(shape_of(log2_entries), log2_entries, 16);

@@ -231,7 +231,41 @@ TEST(Reference, GridBackwardIsTheComplexStep) {
   }
 }
 
-// A table that holds a linear function of its vertices' places is interpolated exactly.
+TEST(Reference, GridPositionBackwardIsTheComplexStep) {
+  const ref::GridLevel dense{3.0, 5, 128, true}, hashed{40.0, 42, 64, false, 2};
+  const std::vector<double> all = {0.8, -1.1, 0.3, 0.6};
+  // In a cell, at a vertex of the dense level, and clamped or at the border along some axes.
+  const std::vector<double> places[] = {
+      {0.37, 0.81, 0.12}, {1.0 / 6, 0.5, 5.0 / 6}, {-0.2, 0.3, 1.7}, {0.0, 1.0, 0.4}};
+  WorstError worst("slope");
+  for (const ref::GridLevel& level : {dense, hashed}) {
+    const std::vector<double> table = draw(level.features * level.entries, -1, 1, 7);
+    const std::vector<double> g(all.begin(), all.begin() + static_cast<int>(level.features));
+    for (const std::vector<double>& p : places) {
+      const auto loss = [&](const std::vector<Complex>& at) {
+        const auto f =
+            ref::grid_interpolate<Complex>(level, to_complex(table), {at[0], at[1], at[2]});
+        Complex sum = 0;
+        for (size_t i = 0; i < g.size(); ++i) sum += g[i] * f[i];
+        return sum;
+      };
+      const auto got = ref::grid_position_backward<double>(level, table, {p[0], p[1], p[2]}, g);
+      const std::vector<double> want = complex_step_gradient(loss, p);
+      for (size_t i = 0; i < 3; ++i) {
+        worst.compare(got[i], want[i], tolerance(want[i]), "place", p[0], p[1], p[2], "axis", i);
+        if (p[i] <= 0 || p[i] >= 1) {
+          EXPECT_EQ(got[i], 0);
+        } else {
+          EXPECT_NE(got[i], 0);
+        }
+      }
+    }
+  }
+  worst.report();
+}
+
+// A table that holds a linear function of its vertices' places is interpolated exactly, and its
+// slope is that function's.
 TEST(Reference, GridInterpolatesLinearFunctions) {
   const ref::GridLevel level{5.0, 7, 344, true};
   std::vector<double> table(4 * level.entries);
@@ -244,6 +278,10 @@ TEST(Reference, GridInterpolatesLinearFunctions) {
     const std::array<double, 3> p{places[i], places[i + 1], places[i + 2]};
     const double want = 7 + 2 * (5 * p[0] + 0.5) - 3 * (5 * p[1] + 0.5) + 0.5 * (5 * p[2] + 0.5);
     EXPECT_NEAR(ref::grid_interpolate(level, table, p)[0], want, 1e-12);
+    const auto slope = ref::grid_position_backward<double>(level, table, p, {1, 0, 0, 0});
+    EXPECT_NEAR(slope[0], 2 * 5, 1e-12);
+    EXPECT_NEAR(slope[1], -3 * 5, 1e-12);
+    EXPECT_NEAR(slope[2], 0.5 * 5, 1e-12);
   }
 }
 

@@ -58,4 +58,17 @@ void hash_grid_backward(const HashGridLevel& level, const Real* x, const Real* y
                         int64_t n, const Real* d_features, int64_t ld, Real* gradient,
                         uint8_t* marks);
 
+// Adds the gradient by position to dx, dy and dz (n each), given that of the level's features: d_x
+// = sum over f of d_features[f] times the derivative of feature f along x. Derivatives are those of
+// the cell that hash_grid_forward() interpolates in, and 0 along an axis where the position is not
+// in (0, 1), since it is clamped there. With the gradient of a density by the features as
+// d_features, the sum over levels is the gradient of the density. table, n, ld: as of
+// hash_grid_forward().
+void hash_grid_position_backward(const HashGridLevel& level, const Real* table, const Real* x,
+                                 const Real* y, const Real* z, int64_t n, const Real* d_features,
+                                 int64_t ld, Real* dx, Real* dy, Real* dz);
+void hash_grid_position_backward(const HashGridLevel& level, const uint16_t* table, const Real* x,
+                                 const Real* y, const Real* z, int64_t n, const Real* d_features,
+                                 int64_t ld, Real* dx, Real* dy, Real* dz);
+
 }  // namespace nerf

@@ -31,24 +31,54 @@ struct GridCorner {
   T weight;
 };
 
+// Along one axis: p in a cell, clamped to [0, 1]. The grid stands half a cell off: p is sampled at
+// p * scale + 1/2.
+template <class T>
+struct GridPlace {
+  GridPlace(double scale, T p) {
+    const double inside = static_cast<double>(real_part(p));
+    moves = inside > 0 && inside < 1;
+    const T at = (inside <= 0 ? T(0) : inside >= 1 ? T(1) : p) * T(scale) + T(0.5);
+    cell = static_cast<uint32_t>(std::floor(real_part(at)));
+    far = at - T(cell);
+  }
+  T weight(uint32_t bit) const { return bit ? far : T(1) - far; }
+
+  uint32_t cell;  // its lower vertex
+  T far;          // share of the upper one
+  bool moves;     // with p: it is not clamped
+};
+
 // The eight vertices around p (clamped to [0, 1]^3) and their trilinear weights, which add up to 1.
-// The grid stands half a cell off: p is sampled at p * scale + 1/2.
 template <class T>
 std::array<GridCorner<T>, 8> grid_corners(const GridLevel& level, const std::array<T, 3>& p) {
-  uint32_t cell[3];
-  T far[3];
-  for (size_t i = 0; i < 3; ++i) {
-    const double inside = static_cast<double>(real_part(p[i]));
-    const T at = (inside <= 0 ? T(0) : inside >= 1 ? T(1) : p[i]) * T(level.scale) + T(0.5);
-    cell[i] = static_cast<uint32_t>(std::floor(real_part(at)));
-    far[i] = at - T(cell[i]);
-  }
+  const GridPlace<T> at[3] = {{level.scale, p[0]}, {level.scale, p[1]}, {level.scale, p[2]}};
   std::array<GridCorner<T>, 8> out;
   for (uint32_t c = 0; c < 8; ++c) {
     const uint32_t bit[3] = {c & 1, c >> 1 & 1, c >> 2};
     T weight = T(1);
-    for (size_t i = 0; i < 3; ++i) weight *= bit[i] ? far[i] : T(1) - far[i];
-    out[c] = {grid_row(level, cell[0] + bit[0], cell[1] + bit[1], cell[2] + bit[2]), weight};
+    for (size_t i = 0; i < 3; ++i) weight *= at[i].weight(bit[i]);
+    out[c] = {grid_row(level, at[0].cell + bit[0], at[1].cell + bit[1], at[2].cell + bit[2]),
+              weight};
+  }
+  return out;
+}
+
+// The same vertices and the derivatives of their weights by p: of the cell that p is in, which
+// contains its lower faces, and 0 along an axis where p is clamped or at the border.
+template <class T>
+std::array<GridCorner<std::array<T, 3>>, 8> grid_corner_slopes(const GridLevel& level,
+                                                               const std::array<T, 3>& p) {
+  const GridPlace<T> at[3] = {{level.scale, p[0]}, {level.scale, p[1]}, {level.scale, p[2]}};
+  std::array<GridCorner<std::array<T, 3>>, 8> out;
+  for (uint32_t c = 0; c < 8; ++c) {
+    const uint32_t bit[3] = {c & 1, c >> 1 & 1, c >> 2};
+    out[c].row = grid_row(level, at[0].cell + bit[0], at[1].cell + bit[1], at[2].cell + bit[2]);
+    for (size_t i = 0; i < 3; ++i) {
+      const size_t j = (i + 1) % 3, k = (i + 2) % 3;
+      const T slope = at[i].moves ? T(bit[i] ? level.scale : -level.scale) : T(0);
+      out[c].weight[i] = slope * at[j].weight(bit[j]) * at[k].weight(bit[k]);
+    }
   }
   return out;
 }
@@ -71,6 +101,20 @@ void grid_interpolate_backward(const GridLevel& level, const std::array<T, 3>& p
   const size_t features = level.features;
   for (const GridCorner<T>& c : grid_corners(level, p))
     for (size_t f = 0; f < features; ++f) d_table[c.row * features + f] += c.weight * d_features[f];
+}
+
+// Gradient with respect to p, given that of the features at p.
+template <class T>
+std::array<T, 3> grid_position_backward(const GridLevel& level, const std::vector<T>& table,
+                                        const std::array<T, 3>& p,
+                                        const std::vector<T>& d_features) {
+  std::array<T, 3> d_p{};
+  for (const auto& c : grid_corner_slopes(level, p))
+    for (size_t f = 0; f < level.features; ++f)
+      for (size_t i = 0; i < 3; ++i)
+        if (c.weight[i] != T(0))  // else nothing, even of infinity
+          d_p[i] += c.weight[i] * table[c.row * level.features + f] * d_features[f];
+  return d_p;
 }
 
 }  // namespace nerf::reference
