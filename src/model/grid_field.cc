@@ -116,8 +116,9 @@ void GridField::initialise(uint64_t seed) {
       xavier_uniform(w, Random(seed, kNetworkStream, layer++), weights.data());
 }
 
-GridTape::GridTape(const GridField& field, bool training, const GridLosses& losses) {
-  features = tape.input(field.shape.features(), Domain::kSamples, training);
+GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& losses) {
+  const bool training = purpose == Purpose::kTrain, sloped = purpose == Purpose::kGradient;
+  features = tape.input(field.shape.features(), Domain::kSamples, training || sloped);
   directions = tape.input(3, Domain::kRays);
   delta = tape.input(1, Domain::kSamples);
   background = tape.input(3, Domain::kRays);
@@ -126,6 +127,12 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
   if (training && losses.roulette) roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
+  if (sloped) {
+    density_gradient = tape.input(1, Domain::kSamples);
+    add_gradient(tape, density, density_gradient);
+    tape.plan();
+    return;
+  }
   const auto colour_of = [&](Value geometry_features, Domain domain) {
     const Value code = view_code(tape, directions, domain);
     return sigmoid(tape, mlp(tape, concat(tape, geometry_features, code), field.colour_layers));

@@ -213,7 +213,8 @@ void NetworkField::initialise(uint64_t seed) {
 NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int samples, int rays,
                          Purpose purpose, const Losses& losses)
     : tape(samples, rays) {
-  position = tape.input(position_rows(o), Domain::kSamples);
+  const bool points = purpose == Purpose::kPoints, sloped = purpose == Purpose::kGradient;
+  position = tape.input(position_rows(o), Domain::kSamples, /*gradient=*/sloped);
   if (o.integrated()) variance = tape.input(position_rows(o), Domain::kSamples);
   directions = tape.input(3, Domain::kRays);
   delta = tape.input(1, Domain::kSamples);
@@ -238,11 +239,16 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
     density = softplus(tape, raw, o.density_bias);
   else
     density = relu(tape, o.density_bias == 0 ? raw : scale_shift(tape, raw, 1, o.density_bias));
-  weights = render_weights(tape, density, delta, o.opaque_end);
+  if (sloped) {
+    density_gradient = tape.input(1, Domain::kSamples);
+    add_gradient(tape, density, density_gradient);
+  } else if (!points) {
+    weights = render_weights(tape, density, delta, o.opaque_end);
+  }
   weight_operations_ = tape.operations();
 
   if (n.has_colour &&
-      (purpose == Purpose::kRender || (purpose == Purpose::kTrain && losses.colour))) {
+      (purpose == Purpose::kRender || points || (purpose == Purpose::kTrain && losses.colour))) {
     Value seen = h;
     if (o.view_dependence) {
       const std::vector<Real> all(static_cast<size_t>(o.direction_degrees), 1.0_r);
@@ -258,7 +264,7 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
     colour = sigmoid(tape, linear(tape, seen, n.colour, LinearActivation::kNone));
     if (o.colour_padding > 0)
       colour = scale_shift(tape, colour, 1 + 2 * o.colour_padding, -o.colour_padding);
-    pixel = accumulate(tape, weights, colour, background);
+    if (!points) pixel = accumulate(tape, weights, colour, background);
   }
   if (purpose == Purpose::kTrain) {
     if (pixel >= 0) pixel_loss = record_pixel_loss(tape, pixel, losses.pixel);

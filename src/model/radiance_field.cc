@@ -7,6 +7,7 @@
 #include "model/network_renderer.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
+#include "nerf/model/network_field.h"
 
 namespace nerf {
 
@@ -15,6 +16,11 @@ RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const GridField> gr
 
 RadianceField::RadianceField(ModelInfo info, std::shared_ptr<const NetworkField> network)
     : info_(std::move(info)), network_(std::move(network)) {}
+
+const Field& RadianceField::field() const {
+  if (grid_) return *grid_;
+  return *network_;
+}
 
 bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel) {
   using internal::BakedOccupancy;
@@ -31,57 +37,30 @@ bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel
 
 void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> directions,
                           std::span<Real> density, std::span<Real> rgb, ThreadPool& pool,
-                          Real /*time*/) const {
-  const int64_t n = static_cast<int64_t>(points.size());
+                          Real time) const {
   NERF_CHECK_EQ(directions.size(), points.size());
   NERF_CHECK_EQ(density.size(), points.size());
   NERF_CHECK_EQ(rgb.size(), 3 * points.size());
-  if (network_)
-    return internal::query_network(*network_, info_.to_engine, points, directions, density, rgb,
-                                   pool);
-  const GridTape tape(*grid_, /*training=*/false);
-  std::vector<std::unique_ptr<Chunk>> chunks(static_cast<size_t>(pool.size()));
-  constexpr int64_t kBlock = kChunkSamples;
-  pool.parallel_for_thread((n + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
-    auto& chunk = chunks[static_cast<size_t>(thread)];
-    if (!chunk) chunk = std::make_unique<Chunk>(tape.tape);
-    chunk->weights = grid_->weights.data();
-    alignas(64) Real x[kBlock], y[kBlock], z[kBlock];
-    int32_t ray_begin[kBlock + 1];
-    bool inside[kBlock];
-    const int64_t begin = block * kBlock;
-    const int count = static_cast<int>(std::min(kBlock, n - begin));
-    Real* direction = chunk->data(tape.directions);
-    for (int i = 0; i < kBlock; ++i) {
-      x[i] = y[i] = z[i] = 0.5_r;
-      if (i >= count) continue;
-      const Vec3d p = info_.to_engine.apply(points[static_cast<size_t>(begin + i)]);
-      inside[i] = true;
-      for (int k = 0; k < 3; ++k)
-        inside[i] &= p[k] >= grid_->clip.min[k] && p[k] <= grid_->clip.max[k];
-      inside[i] = inside[i] && grid_->occupancy.occupied(p.cast<Real>());
-      const Vec3d d =
-          info_.to_engine.rotation * normalized(directions[static_cast<size_t>(begin + i)]);
-      const Vec3 g = grid_->grid_position(p.cast<Real>());
-      x[i] = g.x;
-      y[i] = g.y;
-      z[i] = g.z;
-      for (int k = 0; k < 3; ++k) direction[k * kChunkRays + i] = static_cast<Real>(d[k]);
-      ray_begin[i] = i;
+  std::vector<std::unique_ptr<FieldQuery>> queries(static_cast<size_t>(pool.size()));
+  constexpr size_t kBlock = kChunkSamples;
+  const size_t n = points.size();
+  pool.parallel_for_thread(static_cast<int64_t>((n + kBlock - 1) / kBlock), [&](int64_t block,
+                                                                                int thread) {
+    auto& query = queries[static_cast<size_t>(thread)];
+    if (!query) query = field().query(nullptr);
+    const size_t begin = static_cast<size_t>(block) * kBlock, count = std::min(kBlock, n - begin);
+    Vec3d at[kBlock], along[kBlock];
+    for (size_t i = 0; i < count; ++i) {
+      at[i] = info_.to_engine.apply(points[begin + i]);
+      along[i] = info_.to_engine.rotation * normalized(directions[begin + i]);
     }
-    ray_begin[count] = count;
-    chunk->samples = chunk->rays = count;
-    chunk->ray_begin = ray_begin;
-    encode(*grid_, {x, y, z}, count, chunk->data(tape.features), chunk->stride(tape.features));
-    tape.forward_field(*chunk);
-    const Real* sigma = chunk->data(tape.density);
-    const Real* colour = chunk->data(tape.colour);
-    for (int i = 0; i < count; ++i) {
-      const size_t to = static_cast<size_t>(begin + i);
-      density[to] = inside[i] ? static_cast<Real>(sigma[i] * info_.to_engine.scale) : 0.0_r;
-      for (size_t k = 0; k < 3; ++k)
-        rgb[3 * to + k] = colour[k * kChunkSamples + static_cast<size_t>(i)];
-    }
+    const auto out = density.subspan(begin, count);
+    query->ask({std::span(at, count), std::span(along, count), time},
+               {out, rgb.subspan(3 * begin, 3 * count), {}});
+    for (size_t i = 0; i < count; ++i)
+      out[i] = field().may_hold(at[i])
+                   ? static_cast<Real>(static_cast<double>(out[i]) * info_.to_engine.scale)
+                   : 0.0_r;
   });
 }
 

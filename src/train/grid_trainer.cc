@@ -73,6 +73,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   ray_errors.resize(batch.tile.size());
   chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
   corrections.resize(2 * kBiasCorrections);
+  queries.resize(static_cast<size_t>(pool.size()));
   initialise();
   const PixelLoss pixel = PixelLoss::huber(static_cast<Real>(o.grid_recipe.huber_delta));
   own_head = std::make_unique<GridHead>(field, losses(pixel), *dense, pool);

@@ -94,7 +94,8 @@ struct GridTrainer final : TrainerImpl {
   double distortion;  // weight of the loss
   GridField field;
   TableState optimiser;
-  std::unique_ptr<GridHead> own_head, given_head;  // of the method's loss, and of the caller's
+  std::unique_ptr<GridHead> own_head, given_head;    // of the method's loss, and of the caller's
+  std::vector<std::unique_ptr<FieldQuery>> queries;  // of the occupancy's refresh, one per thread
   std::vector<int32_t> listed_at;  // of an open step: which listed ray is at [chunk][kChunkRays]
   std::vector<Real> corrections;
 

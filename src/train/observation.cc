@@ -71,8 +71,10 @@ void GridTrainer::refresh() {
   const int64_t points = grid.cascades() * grid.cells() / group;
   constexpr int64_t kBlock = kChunkSamples;
   pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
-    Chunk& chunk = *own_head->workers[static_cast<size_t>(thread)];
-    alignas(64) Real x[kBlock], y[kBlock], z[kBlock];
+    auto& query = queries[static_cast<size_t>(thread)];
+    if (!query) query = field.query(&dense->packs());
+    Vec3d at_points[kBlock];
+    Real density[kBlock];
     int32_t cascade[kBlock];
     int64_t cell[kBlock];
     int n = 0;
@@ -86,26 +88,15 @@ void GridTrainer::refresh() {
       if (grid.is_off(c, in)) continue;
       const Real w = grid.cell_width(c);
       const Vec3 corner = grid.cell_corner(in, c);
-      const Vec3 g = field.grid_position(
-          corner + Vec3{random.uniform() * w, random.uniform() * w, random.uniform() * w});
-      x[n] = g.x;
-      y[n] = g.y;
-      z[n] = g.z;
+      const Vec3 p =
+          corner + Vec3{random.uniform() * w, random.uniform() * w, random.uniform() * w};
+      at_points[n] = p.cast<double>();
       cascade[n] = c;
       cell[n] = in;
       ++n;
     }
-    if (n == 0) return;
-    std::fill(x + n, x + round_up(n, kLane), 0.5_r);
-    std::fill(y + n, y + round_up(n, kLane), 0.5_r);
-    std::fill(z + n, z + round_up(n, kLane), 0.5_r);
-    const GridTape& tape = own_head->tape;
-    encode(field, {x, y, z}, n, chunk.data(tape.features), chunk.stride(tape.features));
-    chunk.weights = field.weights.data();
-    chunk.samples = n;
-    chunk.rays = 0;
-    tape.forward_density(chunk);
-    const Real* density = chunk.data(tape.density);
+    const size_t count = static_cast<size_t>(n);
+    query->ask({std::span(at_points, count), {}}, {std::span(density, count), {}, {}});
     for (int k = 0; k < n; ++k)
       grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
   });

@@ -16,6 +16,7 @@
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/math/contraction.h"
+#include "nerf/model/field.h"
 #include "nerf/model/pixel_loss.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
@@ -93,7 +94,7 @@ int occupancy_side(const GridOptions& options, bool unbounded);
 HashGridShape hash_grid_shape(const GridOptions& options);
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
-struct GridField {
+struct GridField final : Field {
   GridField(const GridOptions& options, bool unbounded, int cascades);
 
   GridOptions options;
@@ -105,7 +106,9 @@ struct GridField {
   AlignedArray<uint16_t> half_table;
   std::vector<LinearWeights> density_layers, colour_layers;
   AlignedArray<Real> weights;  // of both networks
-  std::vector<LinearWeights> layers() const;
+  std::vector<LinearWeights> layers() const override;
+  std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
+  bool may_hold(const Vec3d& position) const override;
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
 
@@ -136,6 +139,12 @@ struct GridLosses {
 
 // The field on a tape, with the values that a caller fills and reads.
 struct GridTape {
+  enum class Purpose {
+    kTrain,     // with losses
+    kPictures,  // density and colour
+    kGradient,  // density, and its gradient by the features
+  };
+
   Tape tape{kChunkSamples, kChunkRays};
   Value features = 0;          // in: [F L x samples]
   Value directions = 0;        // in: [3 x rays]
@@ -148,7 +157,11 @@ struct GridTape {
   Composite image{};           // out
   Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
 
-  GridTape(const GridField& field, bool training, const GridLosses& losses = {});
+  Value density_gradient = -1;  // in, kGradient: [1 x samples]
+
+  GridTape(const GridField& field, Purpose purpose, const GridLosses& losses = {});
+  GridTape(const GridField& field, bool training, const GridLosses& losses = {})
+      : GridTape(field, training ? Purpose::kTrain : Purpose::kPictures, losses) {}
 
   // Only what density needs.
   void forward_density(Chunk& chunk) const { tape.forward(chunk, 0, density_operations_); }

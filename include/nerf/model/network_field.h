@@ -11,6 +11,7 @@
 #include "nerf/base/real.h"
 #include "nerf/math/ndc.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/field.h"
 #include "nerf/model/network_options.h"
 #include "nerf/model/pixel_loss.h"
 
@@ -39,7 +40,7 @@ inline const RadianceNetwork& network_of(const NetworkOptions& options,
 }
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
-struct NetworkField {
+struct NetworkField final : Field {
   // near and far: the first and last distance of samples from a camera, engine units; 0 and 1 in
   // normalised device coordinates. photos: that have a code (NetworkOptions::image_code), while it
   // is trained; what is rendered knows none.
@@ -55,7 +56,9 @@ struct NetworkField {
     return nerf::network_of(options, networks, level);
   }
   size_t parameters() const;  // without padding, of the networks
-  std::vector<LinearWeights> layers() const;
+  std::vector<LinearWeights> layers() const override;
+  std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
+  bool may_hold(const Vec3d&) const override { return true; }
   size_t network_size() const { return networks.back().end; }  // of `weights`; then come the codes
   const LinearWeights& codes() const { return networks.back().codes; }
   // Random weights, keyed by the seed; biases 0.
@@ -77,9 +80,11 @@ std::span<const Vec3> encoding_axes(const NetworkOptions& options);
 // A level's network on a tape, with the values that a caller fills and reads.
 struct NetworkTape {
   enum class Purpose {
-    kTrain,    // with losses
-    kRender,   // density, weights and pixel
-    kDensity,  // density and weights
+    kTrain,     // with losses
+    kRender,    // density, weights and pixel
+    kDensity,   // density and weights
+    kPoints,    // density and colour
+    kGradient,  // density, and its gradient by position (with integrated encodings by the mean)
   };
 
   Tape tape;
@@ -90,12 +95,13 @@ struct NetworkTape {
   Value photo = -1;      // in, with image codes: [1 x rays], number of the photo; below 0: none
   Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
   Value background = 0;  // in: [3 x rays]
-  PixelLossInputs pixel_loss;  // in, training
-  Value weight_gradient = -1;  // in between the passes, training: [1 x samples]
-  Value density = 0;           // out: [1 x samples]
-  Value weights = 0;           // out: [1 x samples]
-  Value colour = -1;           // out: [3 x samples]
-  Value pixel = -1;            // out: [4 x rays]
+  PixelLossInputs pixel_loss;   // in, training
+  Value weight_gradient = -1;   // in between the passes, training: [1 x samples]
+  Value density_gradient = -1;  // in, kGradient: [1 x samples]
+  Value density = 0;            // out: [1 x samples]
+  Value weights = 0;            // out: [1 x samples]
+  Value colour = -1;            // out: [3 x samples]
+  Value pixel = -1;             // out: [4 x rays]
 
   struct Losses {
     bool colour = true;  // whether the level's pixels are compared with the photos

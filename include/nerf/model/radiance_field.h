@@ -13,6 +13,7 @@
 
 namespace nerf {
 
+struct Field;         // model/field.h
 struct GridField;     // weights and occupancy, model/grid_field.h
 struct NetworkField;  // weights of a paper method, model/network_field.h
 namespace internal {
@@ -32,6 +33,7 @@ class RadianceField {
   const ModelInfo& info() const { return info_; }
   // Of the two kinds of field a model has one.
   bool is_grid() const { return grid_ != nullptr; }
+  const Field& field() const;
   const GridField& grid() const { return *grid_; }
   const NetworkField& network() const { return *network_; }
 

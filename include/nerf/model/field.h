@@ -1,0 +1,51 @@
+// What everything above a field knows of it: it answers at points. A field is a composition: a
+// space (identity, contraction, normalised device coordinates), an encoding (a table, frequencies),
+// and a head (networks for density and colour). grid_field.h and network_field.h are the two that
+// there are.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "nerf/autodiff/linear_weights.h"
+#include "nerf/base/real.h"
+#include "nerf/math/vec.h"
+
+namespace nerf {
+
+// Points to ask a field at. Engine coordinates.
+struct FieldPoints {
+  std::span<const Vec3d> positions;
+  std::span<const Vec3d> directions;  // unit; as many where colours are wanted, else none
+  Real time = 0;                      // [0, 1]; a static field is the same at any
+  int code = -1;                      // of a photo, where the field keeps codes; below 0: none
+};
+
+// What is wanted of n points; an empty span is not computed.
+struct FieldAnswers {
+  std::span<Real> density;   // [n], 1 / engine unit
+  std::span<Real> rgb;       // [n][3], sRGB in [0, 1]
+  std::span<Real> gradient;  // [n][3], of density by position
+};
+
+// One thread's way to ask a field: the only one, for pictures of points, training's occupancy and
+// programs alike. The field and the packs must outlive it.
+class FieldQuery {
+ public:
+  virtual ~FieldQuery() = default;
+  virtual void ask(const FieldPoints& points, const FieldAnswers& answers) = 0;
+};
+
+struct Field {
+  virtual ~Field() = default;
+  // `packs` of layers() make it faster; null: none.
+  virtual std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const = 0;
+  // Whether there may be matter at a position, as pictures know: what they show is ask()'s density
+  // there, and nothing elsewhere.
+  virtual bool may_hold(const Vec3d& position) const = 0;
+  virtual std::vector<LinearWeights> layers() const = 0;
+};
+
+}  // namespace nerf

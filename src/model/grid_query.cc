@@ -1,0 +1,139 @@
+// Density, colour and the gradient of density of the grid method's field at points.
+#include <algorithm>
+#include <memory>
+
+#include "nerf/base/error.h"
+#include "nerf/math/contraction.h"
+#include "nerf/model/grid_field.h"
+
+namespace nerf {
+
+namespace {
+
+constexpr int kBlock = kChunkSamples;
+
+class GridQuery final : public FieldQuery {
+ public:
+  GridQuery(const GridField& field, const LayerPacks* packs) : field_(field), packs_(packs) {}
+
+  void ask(const FieldPoints& points, const FieldAnswers& answers) override {
+    const int64_t n = static_cast<int64_t>(points.positions.size());
+    for (int64_t begin = 0; begin < n; begin += kBlock)
+      ask_block(points, answers, static_cast<size_t>(begin),
+                static_cast<int>(std::min<int64_t>(kBlock, n - begin)));
+  }
+
+ private:
+  // A tape and its values, made when they are first needed.
+  struct Worker {
+    Worker(const GridField& field, GridTape::Purpose purpose, const LayerPacks* packs)
+        : tape(field, purpose), chunk(tape.tape) {
+      chunk.weights = field.weights.data();
+      chunk.packs = packs;
+    }
+    GridTape tape;
+    Chunk chunk;
+  };
+  Worker& worker(std::unique_ptr<Worker>& made, GridTape::Purpose purpose) {
+    if (!made) made = std::make_unique<Worker>(field_, purpose, packs_);
+    return *made;
+  }
+
+  void place(const FieldPoints& points, size_t begin, int n, Worker& w) {
+    for (int i = 0; i < n; ++i) {
+      const Vec3 g =
+          field_.grid_position(points.positions[begin + static_cast<size_t>(i)].cast<Real>());
+      x_[i] = g.x;
+      y_[i] = g.y;
+      z_[i] = g.z;
+      ray_begin_[i] = i;
+    }
+    for (Real* const a : {x_, y_, z_}) std::fill(a + n, a + round_up(n, kLane), 0.5_r);
+    ray_begin_[n] = n;
+    Chunk& c = w.chunk;
+    c.samples = c.rays = n;
+    c.ray_begin = ray_begin_;
+    encode(field_, {x_, y_, z_}, n, c.data(w.tape.features), c.stride(w.tape.features));
+  }
+
+  void ask_block(const FieldPoints& points, const FieldAnswers& answers, size_t begin, int n) {
+    if (!answers.gradient.empty()) find_gradient(points, answers, begin, n);
+    const bool coloured = !answers.rgb.empty();
+    if (!coloured && answers.density.empty()) return;
+    Worker& w = worker(plain_, GridTape::Purpose::kPictures);
+    Chunk& chunk = w.chunk;
+    const GridTape& tape = w.tape;
+    place(points, begin, n, w);
+    const int64_t lr = chunk.stride(tape.directions);
+    for (int i = 0; coloured && i < n; ++i)
+      for (int k = 0; k < 3; ++k)
+        chunk.data(tape.directions)[k * lr + i] =
+            static_cast<Real>(points.directions[begin + static_cast<size_t>(i)][k]);
+    if (coloured)
+      tape.forward_field(chunk);
+    else
+      tape.forward_density(chunk);
+    if (!answers.density.empty())
+      std::copy_n(chunk.data(tape.density), n, answers.density.data() + begin);
+    const int64_t lc = coloured ? chunk.stride(tape.colour) : 0;
+    for (int i = 0; coloured && i < n; ++i)
+      for (int64_t k = 0; k < 3; ++k)
+        answers.rgb[3 * (begin + static_cast<size_t>(i)) + static_cast<size_t>(k)] =
+            chunk.data(tape.colour)[k * lc + i];
+  }
+
+  // Backward from density to the features, and from these to positions level by level.
+  void find_gradient(const FieldPoints& points, const FieldAnswers& answers, size_t begin, int n) {
+    Worker& w = worker(sloped_, GridTape::Purpose::kGradient);
+    place(points, begin, n, w);
+    if (unused_.size() == 0) unused_ = AlignedArray<Real>(field_.weights.size());
+    w.chunk.weight_gradient = unused_.data();
+    std::fill_n(w.chunk.data(w.tape.density_gradient), n, 1.0_r);
+    w.tape.tape.forward(w.chunk);
+    w.tape.tape.backward(w.chunk);
+    alignas(64) Real dx[kBlock] = {}, dy[kBlock] = {}, dz[kBlock] = {};
+    const int64_t ld = w.chunk.stride(w.tape.features);
+    for (size_t l = 0; l < field_.shape.levels.size(); ++l) {
+      const HashGridLevel& level = field_.shape.levels[l];
+      const Real* d_features =
+          w.chunk.gradient(w.tape.features) + static_cast<int64_t>(l) * level.features * ld;
+      const auto add = [&](const auto* table) {
+        hash_grid_position_backward(level, table + level.begin(), x_, y_, z_, n, d_features, ld, dx,
+                                    dy, dz);
+      };
+      if (field_.options.table_bits == 16)
+        add(field_.half_table.data());
+      else
+        add(field_.table.data());
+    }
+    for (int i = 0; i < n; ++i) {
+      const size_t at = begin + static_cast<size_t>(i);
+      // The contraction's Jacobian is symmetric, so that it is its own transpose.
+      Vec3 g{dx[i], dy[i], dz[i]};
+      g = field_.unbounded ? contraction_jacobian(points.positions[at].cast<Real>())(g) * 0.25_r
+                           : g * 0.5_r;
+      for (int k = 0; k < 3; ++k) answers.gradient[3 * at + static_cast<size_t>(k)] = g[k];
+    }
+  }
+
+  const GridField& field_;
+  const LayerPacks* packs_;
+  std::unique_ptr<Worker> plain_, sloped_;
+  alignas(64) Real x_[kBlock], y_[kBlock], z_[kBlock];
+  int32_t ray_begin_[kBlock + 1];
+  AlignedArray<Real> unused_;  // gradient of the networks
+};
+
+}  // namespace
+
+std::unique_ptr<FieldQuery> GridField::query(const LayerPacks* packs) const {
+  return std::make_unique<GridQuery>(*this, packs);
+}
+
+bool GridField::may_hold(const Vec3d& p) const {
+  for (int k = 0; k < 3; ++k)
+    if (!(p[k] >= clip.min[k] && p[k] <= clip.max[k])) return false;
+  return occupancy.occupied(p.cast<Real>());
+}
+
+}  // namespace nerf
