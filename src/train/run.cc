@@ -12,6 +12,7 @@
 #include "nerf/math/random.h"
 #include "nerf/train/methods.h"
 #include "train/run_speed.h"
+#include "train/trainer_impl.h"
 
 namespace nerf {
 namespace {
@@ -230,14 +231,14 @@ class Run {
   // so long now.
   Room room_for(double now, int64_t least) {
     const double left = std::max(budget_ - result_.train_seconds, 0.0);
-    const double saving = trainer_.late_saving_seconds();
+    const double saving = internal::impl_of(trainer_).late_saving_seconds();
     Room room{least, now};
     // How much of it is saved on the way depends on how many steps there are.
     for (int i = 0; i < 3; ++i) {
       const int64_t more = static_cast<int64_t>(left / (kLateStep * room.step_seconds));
       room.steps = std::max(least, trainer_.steps_done() + std::max<int64_t>(1, more));
-      room.step_seconds =
-          std::max(0.25 * now, now - saving * trainer_.late_saving_share(room.steps));
+      room.step_seconds = std::max(
+          0.25 * now, now - saving * internal::impl_of(trainer_).late_saving_share(room.steps));
     }
     return room;
   }

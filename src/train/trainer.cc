@@ -58,8 +58,7 @@ StepReport Trainer::finish_step(std::span<const Real> gradient, double loss) {
   return impl_->finish_step(gradient, loss);
 }
 int64_t Trainer::most_rays() const { return impl_->most_rays(); }
-double Trainer::late_saving_seconds() { return impl_->late_saving_seconds(); }
-double Trainer::late_saving_share(int64_t steps) const { return impl_->late_saving_share(steps); }
+TrainerImpl& internal::impl_of(Trainer& trainer) { return *trainer.impl_; }
 
 void Trainer::run(const std::function<bool(const StepReport&)>& callback, const Cancel* cancel) {
   while (impl_->done < impl_->options.steps) {

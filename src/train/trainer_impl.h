@@ -59,8 +59,14 @@ struct TrainerImpl {
   // Behind the step, which is counted by now.
   virtual void refresh() {}
 
-  // What a step takes less at the end of the plan (run_speed.h); none where steps stay as they are.
+  // What the planner of a budget asks (run_speed.h).
+  // Seconds that a step takes less (below 0: more) at the end of the plan, when a ray gets all its
+  // samples, than now: drawing rays and lookups are measured for both; for colours and the table's
+  // update what they take now is scaled by the rays and the lookups. 0 for the paper methods and
+  // where steps are late ones already. Training does not change.
   virtual double late_saving_seconds() { return 0; }
+  // Mean share of that saving over the steps from now to the end of a plan of `steps`: rays get
+  // their samples little by little.
   virtual double late_saving_share(int64_t /*steps*/) const { return 0; }
   // The first weights (of the salt in force) and an optimiser without memory.
   virtual void begin_anew() = 0;

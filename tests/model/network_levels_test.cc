@@ -84,7 +84,7 @@ TEST(NetworkLevels, NothingIsLostFarAway) {
       NetworkField field(o, 0.1, 1e6);
       field.initialise(3);
       for (Real& w : field.weights) w *= 3;
-      NetworkLevels levels(field, 3, true, {1, 1, 0.01_r, 0.001_r, 1});
+      NetworkLevels levels(field, 3, true, {1, 1, 0.01_r, PixelLoss::charbonnier(0.001_r), 1});
       auto rays = some_rays(3, distance);
       levels.forward(rays, 0.5_r);
       AlignedArray<Real> gradient(field.weights.size());
@@ -134,7 +134,7 @@ TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
       NetworkField field(o, 0.5, 4);
       field.initialise(3);
       for (const RadianceNetwork& n : field.networks) field.weights[n.density.bias_offset()] = bias;
-      const NetworkLosses losses{o.proposal_colour ? 1.0_r : 0.0_r, 1, 0.01_r, 0, 0.1_r};
+      const NetworkLosses losses{o.proposal_colour ? 1.0_r : 0.0_r, 1, 0.01_r, {}, 0.1_r};
       NetworkLevels whole(field, 5, true, losses), part(field, 5, true, losses);
       ASSERT_TRUE(whole.can_skip());
       auto rays = some_rays(5, 2), again = rays;

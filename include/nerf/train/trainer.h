@@ -153,6 +153,10 @@ struct TrainProfile {
 };
 
 struct TrainerImpl;
+class Trainer;
+namespace internal {
+TrainerImpl& impl_of(Trainer& trainer);
+}
 
 class Trainer {
  public:
@@ -190,15 +194,6 @@ class Trainer {
   // A copy to render from or save.
   RadianceField snapshot() const;
 
-  // Seconds that a step takes less (below 0: more) at the end of the plan, when a ray gets all its
-  // samples, than now: drawing rays and lookups are measured for both; for colours and the table's
-  // update what they take now is scaled by the rays and the lookups. 0 for the paper methods and
-  // where steps are late ones already. Training does not change.
-  double late_saving_seconds();
-  // Mean share of that saving over the steps from now to the end of a plan of `steps`: rays get
-  // their samples little by little.
-  double late_saving_share(int64_t steps) const;
-
   // Changes the planned length (a time budget fixes it after a warm-up, and corrects it). The steps
   // before options().hold of it do not depend on it; later, progress goes on from where it is, and
   // options().plan_changes has what was planned until then. Where all planned steps are done the
@@ -221,6 +216,7 @@ class Trainer {
   void vary(uint64_t salt, double rate_factor);
 
  private:
+  friend TrainerImpl& internal::impl_of(Trainer&);
   std::unique_ptr<TrainerImpl> impl_;
 };
 

@@ -1,0 +1,160 @@
+// Density, colour and slope of fields at points (model/field.h).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "math/worst_error.h"
+#include "model/small_grid.h"
+#include "nerf/model/grid_field.h"
+#include "nerf/model/network_field.h"
+
+namespace nerf {
+namespace {
+
+using test::small_options;
+
+struct Named {
+  std::string name;
+  std::unique_ptr<Field> field;
+};
+
+// Tables of features of any size, so that densities differ from place to place.
+std::unique_ptr<Field> some_grid(bool unbounded, int table_bits) {
+  GridOptions options = small_options(1, 1);
+  options.levels = 2;
+  options.finest_resolution = 16;
+  options.table_bits = table_bits;
+  auto field = std::make_unique<GridField>(options, unbounded, 1);
+  field->initialise(3);
+  Random random(7, 0, 0);
+  for (Real& v : field->table) v = 2 * random.uniform() - 1;
+  // Half floats of 1/16 to 1, of either sign.
+  for (uint16_t& v : field->half_table)
+    v = static_cast<uint16_t>(0x2c00 + random.below(0x1000) + (random.below(2) << 15));
+  return field;
+}
+
+std::unique_ptr<Field> some_network(Space space, Encoding encoding) {
+  NetworkOptions options;
+  options.space = space;
+  options.encoding = encoding;
+  options.depth = options.proposal_depth = 3;
+  options.width = options.proposal_width = options.bottleneck = options.view_width = 16;
+  options.position_degrees = 2;
+  options.direction_degrees = 1;
+  options.density = DensityActivation::kSoftplus;
+  auto field = std::make_unique<NetworkField>(options, 0.1, 4);
+  field->initialise(5);
+  field->ndc.scale_x = 1.1;
+  field->ndc.scale_y = 0.9;
+  field->ndc.near = 0.5;
+  field->ndc.reference.translation = {0.1, -0.2, -3};
+  return field;
+}
+
+std::vector<Named> fields() {
+  std::vector<Named> all;
+  for (const bool unbounded : {false, true})
+    for (const int bits : {16, 32})
+      all.push_back({std::string(unbounded ? "unbounded" : "bounded") + std::to_string(bits),
+                     some_grid(unbounded, bits)});
+  all.push_back({"points", some_network(Space::kIdentity, Encoding::kFrequency)});
+  all.push_back({"contracted", some_network(Space::kContract, Encoding::kFrequency)});
+  all.push_back({"off-axis", some_network(Space::kContract, Encoding::kOffAxis)});
+  all.push_back({"ndc", some_network(Space::kNdc, Encoding::kFrequency)});
+  return all;
+}
+
+std::vector<Vec3d> some_points(size_t n, double reach, uint64_t seed) {
+  std::vector<Vec3d> points(n);
+  for (size_t i = 0; i < n; ++i) {
+    Random random(seed, 0, i);
+    for (int k = 0; k < 3; ++k)
+      points[i][k] = reach * (2 * static_cast<double>(random.uniform()) - 1);
+  }
+  return points;
+}
+
+// More than a block of either kind, and no multiple of anything.
+constexpr size_t kPoints = 531;
+
+TEST(FieldQuery, ManyPointsAreAnsweredAsOne) {
+  for (const Named& f : fields()) {
+    SCOPED_TRACE(f.name);
+    const auto at = some_points(kPoints, 0.9, 11);
+    std::vector<Vec3d> along = some_points(kPoints, 1, 12);
+    for (Vec3d& d : along) d = normalized(d);
+    std::vector<Real> density(kPoints), rgb(3 * kPoints), alone(kPoints), slope(3 * kPoints);
+    const auto query = f.field->query(nullptr);
+    query->ask({at, along}, {density, rgb, {}});
+    query->ask({at, along}, {alone, {}, slope});
+    EXPECT_EQ(alone, density);
+    EXPECT_GT(*std::ranges::max_element(density), 1.2_r * *std::ranges::min_element(density));
+    for (const size_t i : {size_t{0}, kPoints / 2, kPoints - 1}) {
+      std::vector<Real> one(1), colour(3), gradient(3);
+      query->ask({std::span(at).subspan(i, 1), std::span(along).subspan(i, 1)},
+                 {one, colour, gradient});
+      EXPECT_EQ(one[0], density[i]);
+      for (size_t k = 0; k < 3; ++k) {
+        EXPECT_EQ(colour[k], rgb[3 * i + k]);
+        EXPECT_EQ(gradient[k], slope[3 * i + k]);
+        EXPECT_TRUE(colour[k] >= 0 && colour[k] <= 1);
+      }
+    }
+  }
+}
+
+// Beside the differences of densities on either side. Where these differ from each other by more
+// than rounding there is an edge of a cell or of a ReLU in between, and no slope.
+TEST(FieldQuery, SlopesAreThoseOfTheDensity) {
+  for (const Named& f : fields()) {
+    SCOPED_TRACE(f.name);
+    const bool far = f.name.starts_with("unbounded") || f.name == "contracted";
+    const auto at = some_points(kPoints, far ? 2.5 : 0.95, 21);
+    const std::vector<Vec3d> along(kPoints, Vec3d{0, 0, 1});
+    std::vector<Real> density(kPoints), gradient(3 * kPoints);
+    const auto query = f.field->query(nullptr);
+    query->ask({at, along}, {density, {}, gradient});
+    const double h = std::cbrt(kRoundoff) / 8;
+    double largest = 0;
+    for (const Real g : gradient) largest = std::max(largest, std::fabs(static_cast<double>(g)));
+    size_t compared = 0;
+    for (int k = 0; k < 3; ++k) {
+      std::vector<Vec3d> left = at, right = at;
+      std::vector<Real> below(kPoints), above(kPoints);
+      for (size_t i = 0; i < kPoints; ++i) {
+        left[i][k] -= h;
+        right[i][k] += h;
+      }
+      query->ask({left, along}, {below, {}, {}});
+      query->ask({right, along}, {above, {}, {}});
+      for (size_t i = 0; i < kPoints; ++i) {
+        const double before = static_cast<double>(density[i] - below[i]) / h;
+        const double behind = static_cast<double>(above[i] - density[i]) / h;
+        // Of a density a network's rounding, some 100 of its operations', and the steps' curvature.
+        const double bound = 200 * kRoundoff * static_cast<double>(density[i]) / h + 0.02 * largest;
+        if (std::fabs(before - behind) > bound) continue;
+        ++compared;
+        ASSERT_NEAR(gradient[3 * i + static_cast<size_t>(k)], 0.5 * (before + behind), bound)
+            << "point " << i << " axis " << k;
+      }
+    }
+    EXPECT_GT(compared, 3 * kPoints * 3 / 4);
+    EXPECT_GT(largest, 0.05);
+  }
+}
+
+TEST(FieldQuery, KnowsWhereMatterMayBe) {
+  GridField field(small_options(1, 1), false, 1);
+  field.clip = {{-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5}};
+  EXPECT_FALSE(field.may_hold({0.6, 0, 0}));
+  EXPECT_EQ(field.may_hold({0.1, 0, 0}), field.occupancy.occupied({0.1_r, 0, 0}));
+  EXPECT_TRUE(some_network(Space::kContract, Encoding::kFrequency)->may_hold({50, 0, 0}));
+}
+
+}  // namespace
+}  // namespace nerf
