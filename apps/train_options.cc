@@ -27,6 +27,7 @@ constexpr std::array kOfTheGrid = {"batch_samples",
                                    "final_beta2",
                                    "huber_delta",
                                    "distortion",
+                                   "depth_loss",
                                    "network_l2",
                                    "early_samples",
                                    "late_levels",
@@ -151,6 +152,9 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   const bool grid = command.train.method == kGridMethod;
   if (grid && given.contains("keep_transparent") && !scene.alpha)
     out.push_back("--keep-transparent is not used: the photos have no alpha");
+  const auto has_depth = [](const View& view) { return !view.depth_path.empty(); };
+  if (grid && given.contains("depth_loss") && std::ranges::none_of(scene.views, has_depth))
+    out.push_back("--depth-loss is not used: the capture has no depth maps");
   if (grid && given.contains("keep_free") && !scene.unbounded)
     out.push_back("--keep-free is not used: the scene ends with its box");
   if (!grid && command.train.network.sampling.resampling != Resampling::kProposal &&

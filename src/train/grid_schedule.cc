@@ -1,6 +1,7 @@
 // What of a grid training changes with its progress, and what that saves.
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "train/grid_trainer.h"
 #include "train/lap.h"
@@ -27,6 +28,11 @@ AdamStep GridTrainer::adam_at(int64_t step) const {
   return {.rate = rate_at(step),
           .beta1 = static_cast<Real>(std::lerp(options.beta1, options.final_beta1, progress)),
           .beta2 = static_cast<Real>(std::lerp(options.beta2, options.final_beta2, progress))};
+}
+
+double GridTrainer::depth_weight_at(int64_t step) const {
+  static const double kEnd = std::getenv("DEPTH_END") ? std::atof(std::getenv("DEPTH_END")) : 1;
+  return depth_weight * std::lerp(1.0, kEnd, progress_at(step));
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {

@@ -55,14 +55,15 @@ void OptimiserState::give_weights(GridField& field) const {
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t),
       distortion(distortion_weight(o, s)),
+      depth_weight(depth_loss_weight(o, s, p)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true,
-           {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0,
+           {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0 || depth_weight > 0,
             static_cast<Real>(o.shared_colour), static_cast<Real>(o.stop_transmittance),
             static_cast<Real>(o.gradient_roulette)}),
       errors(p, s.train, static_cast<Real>(o.error_guidance)),
-      maker(source, errors, field, distortion > 0, t),
+      maker(source, errors, field, distortion > 0 || depth_weight > 0, t),
       batch(std::max(1, o.batch_samples / kChunkSamples), o.grid.cone_points) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
@@ -212,7 +213,7 @@ void GridTrainer::run_chunks() {
         chunk.data(tape.scale)[r] = scale * batch.weight[i * kChunkRays + static_cast<size_t>(r)];
       tape.tape.forward(chunk);
       chunk_colours[i] = chunk.count(tape.colour);
-      if (distortion > 0) add_distortion(chunk, c * ld);
+      if (distortion > 0 || depth_weight > 0) add_losses_on_weights(chunk, c);
       tape.tape.backward(chunk);
       keep_samples(c, chunk);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
@@ -240,19 +241,28 @@ void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
   batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), chunk.samples);
 }
 
-// A mean over rays: their scale is that of a mean over three channels too.
-void GridTrainer::add_distortion(Chunk& chunk, int64_t first_sample) {
+// Means over rays: their scale is that of a mean over three channels too.
+void GridTrainer::add_losses_on_weights(Chunk& chunk, int64_t c) {
+  const int64_t first_sample = c * kChunkSamples;
+  const double depth_now = depth_weight > 0 ? depth_weight_at(done) : 0;
   Real* gradient = chunk.data(tape.weight_gradient);
   std::fill_n(gradient, chunk.samples, 0.0_r);
   for (int r = 0; r < chunk.rays; ++r) {
     const int32_t begin = chunk.ray_begin[r];
     const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
     const auto of_ray = [&](const Real* data) { return std::span(data + begin, n); };
-    chunk.loss += distortion_loss(of_ray(batch.middle.data() + first_sample),
-                                  of_ray(batch.width.data() + first_sample),
-                                  of_ray(chunk.data(tape.image.weights)),
-                                  static_cast<Real>(3 * distortion) * chunk.data(tape.scale)[r],
-                                  std::span(gradient + begin, n));
+    const auto middles = of_ray(batch.middle.data() + first_sample);
+    const auto weights = of_ray(chunk.data(tape.image.weights));
+    const std::span d_weights(gradient + begin, n);
+    const Real scale = chunk.data(tape.scale)[r];
+    if (distortion > 0)
+      chunk.loss +=
+          distortion_loss(middles, of_ray(batch.width.data() + first_sample), weights,
+                          static_cast<Real>(3 * distortion) * scale, d_weights);
+    const Real depth = batch.depth[static_cast<size_t>(c * kChunkRays + r)];
+    if (depth_now > 0 && depth > 0)
+      chunk.loss += depth_loss(middles, weights, depth, static_cast<Real>(3 * depth_now) * scale,
+                               d_weights);
   }
 }
 

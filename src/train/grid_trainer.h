@@ -55,6 +55,7 @@ struct GridTrainer final : TrainerImpl {
   // Moments are corrected as if its betas had always been what they are by then: rows that were
   // touched a few times take somewhat smaller steps.
   AdamStep adam_at(int64_t step) const;
+  double depth_weight_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step, const TrainingPlan& plan) const;
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
@@ -65,7 +66,7 @@ struct GridTrainer final : TrainerImpl {
   void pack();  // after every change of the networks' weights
   void encode_batch(int64_t levels_on);
   void run_chunks();
-  void add_distortion(Chunk& chunk, int64_t first_sample);
+  void add_losses_on_weights(Chunk& chunk, int64_t c);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
   void keep_samples(int64_t c, Chunk& chunk);
   void observe_samples();
@@ -79,7 +80,8 @@ struct GridTrainer final : TrainerImpl {
   void refresh_occupancy();
   void initialise();
 
-  double distortion;  // weight of the loss
+  double distortion;    // weight of the loss
+  double depth_weight;  // likewise; 0 where no photo has a depth map
   GridField field;
   LayerPacks packs;  // of its networks
   OptimiserState optimiser;

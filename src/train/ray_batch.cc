@@ -10,6 +10,13 @@
 
 namespace nerf {
 
+namespace {
+
+// Of a distance, engine units, in [0, 1): see RayBatch::middle.
+Real inverse_place(Real distance) { return 1 - 1 / (1 + distance); }
+
+}  // namespace
+
 RayBatch::RayBatch(int max, int points_per_sample) : max_chunks(max), points(points_per_sample) {
   const size_t n = static_cast<size_t>(max) * kChunkSamples;
   for (auto* a : {&x, &y, &z, &spread}) *a = AlignedArray<Real>(n * static_cast<size_t>(points));
@@ -27,6 +34,7 @@ RayBatch::RayBatch(int max, int points_per_sample) : max_chunks(max), points(poi
   target = AlignedArray<Real>(r);
   tile.resize(static_cast<size_t>(max) * kChunkRays);
   weight.resize(tile.size());
+  depth.resize(tile.size());
 }
 
 void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
@@ -75,6 +83,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.valid = true;
     record.tile = pixel.tile;
     record.weight = pixel.weight;
+    record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = random.uniform();
@@ -127,7 +136,7 @@ void RayBatchMaker::place_samples(ConeSample& sample, Real start, const RaySampl
     }
     if (intervals_) {
       const Real inverse = 1 / (1 + sample.distance);
-      block.middle[s] = 1 - inverse;
+      block.middle[s] = inverse_place(sample.distance);
       block.width[s] = sample.delta * inverse * inverse;
     }
     const Vec3 p = sample.entry + sample.direction * sample.t;
@@ -166,6 +175,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.cell_width, batch.cell_width);
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
+    batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];

@@ -33,6 +33,8 @@ class PixelSource {
     size_t source = 0;          // the i-th training photo
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
+    double along_axis = 1;       // depth of a ray's unit length
+    double distance = 0;         // engine units, by the photo's depth map; 0: unknown
 
     Vec2d centre() const { return {x + 0.5 * width, y + 0.5 * height}; }
   };
@@ -45,10 +47,11 @@ class PixelSource {
   // The i-th photo's number among those of different files: the same at every scale.
   int file_of(size_t i) const { return files_[i]; }
   int files() const { return file_count_; }
+  bool has_depth() const { return has_depth_; }  // some photo has a depth map
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
-  // second reads colour and mask.
+  // second reads colour, mask and depth.
   // With `block` above 1 the pixel is the block of so many pixels across that it lies in: the ray
   // goes through the block's middle and carries its mean.
   bool locate(Random& random, const ErrorMap* errors, Pixel& out, int block = 1) const;
@@ -60,6 +63,7 @@ class PixelSource {
  private:
   void choose(Random& random, Pixel& out) const;
   bool cast(Pixel& out) const;
+  bool read_colour(Pixel& out) const;
   bool read_block(Pixel& out) const;
 
   const PhotoSet& photos_;
@@ -70,6 +74,7 @@ class PixelSource {
   std::vector<int> files_;               // see file_of()
   int file_count_ = 0;
   double mean_weight_ = 1;
+  bool has_depth_ = false;
   std::vector<double> near_;  // engine units; no sample closer to the camera
 };
 
@@ -95,6 +100,7 @@ struct RayBatch {
   AlignedArray<Real> direction, background, target;  // [chunk][3][kChunkRays]
   std::vector<int32_t> tile;                         // of the error map, [chunk][kChunkRays]
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
+  std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
@@ -131,6 +137,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
+    Real depth = 0;
     int32_t tile = 0;
     int chunk = -1, ray = 0, offset = 0;
   };

@@ -50,6 +50,14 @@ double distortion_weight(const TrainOptions& options, const Scene& scene) {
   return options.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
 }
 
+double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos) {
+  constexpr double kUsual = 0.1;  // docs/benchmarks.md, "Depth maps"
+  const auto has_depth = [&](int v) {
+    return !photos.photos[static_cast<size_t>(v)].depth.empty();
+  };
+  return std::ranges::any_of(scene.train, has_depth) ? options.depth_loss.value_or(kUsual) : 0;
+}
+
 bool learns_from_reduced_photos(const TrainOptions& options) {
   return options.method != kGridMethod || options.grid.sees_cones();
 }

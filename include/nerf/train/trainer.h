@@ -61,6 +61,7 @@ struct TrainOptions {
   double final_beta1 = 0.9, final_beta2 = 0.99;
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
+  std::optional<double> depth_loss;  // see depth_loss_weight()
   double network_l2 = 0;
   double early_samples = 0.2;    // of the first steps, as a share of samples_per_cell
   double late_levels = 0;        // share of the rate's fall until all resolutions are on
@@ -124,6 +125,10 @@ struct TrainOptions {
       "is "
       "unbounded, else 0 (grid; --recipe-distortion of the paper methods)",
       at_least(0), at_most(1000));
+    v("depth_loss", depth_loss,
+      "weight, at first, of the loss that draws the light of a ray to where its photo's depth map "
+      "says, where there is one (grid)",
+      at_least(0), at_most(1000));
     v("network_l2", network_l2, "weight decay of the networks (grid)", at_least(0));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
@@ -183,6 +188,10 @@ Vec3 background_of(const TrainOptions& options, const Scene& scene);
 // Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
 // options say, or a default by the kind of scene.
 double distortion_weight(const TrainOptions& options, const Scene& scene);
+
+// Weight of the grid method's loss by depth maps (parts/losses.h) at the first step, for a mean over
+// rays; 0 where no training photo has one.
+double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos);
 
 // Whether the method trains on photos at smaller scales too (photo_scales.h): the paper methods do,
 // as in mip-NeRF's comparison (Barron et al. 2021, section 5), the grid where it sees cones. To its
