@@ -145,8 +145,7 @@ void resolve_depths(SceneInput& input, SceneReport& report) {
   choose_unit_of_floats(input, report);
   for (View& view : input.views)
     if (view.depth_unit == 0) view.depth_unit = kMillimetre;
-  report.notes.push_back(
-      fmt::format("{} of {} photos have a depth map", maps, input.views.size()));
+  report.notes.push_back(fmt::format("{} of {} photos have a depth map", maps, input.views.size()));
 }
 
 DepthMap read_depth_map(const View& view, int orientation, int width, int height, double scale) {

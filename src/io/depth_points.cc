@@ -13,10 +13,10 @@ namespace {
 
 constexpr size_t kMostPoints = 60000;  // of all maps together
 constexpr size_t kMostOfMap = 2500, kLeastOfMap = 100;
-constexpr size_t kEnoughLooks = 500;    // into other maps, to tell whether maps fit
-constexpr double kLeastAgreed = 0.1;    // share of the looks
-constexpr double kThrough = 0.1;        // farther by that is behind, not beside
-constexpr double kMostUnknown = 0.01;   // share of pixels, for far to be known
+constexpr size_t kEnoughLooks = 500;   // into other maps, to tell whether maps fit
+constexpr double kLeastAgreed = 0.1;   // share of the looks
+constexpr double kThrough = 0.1;       // farther by that is behind, not beside
+constexpr double kMostUnknown = 0.01;  // share of pixels, for far to be known
 
 struct Map {
   size_t view;
@@ -36,7 +36,9 @@ struct Looks {
 };
 
 // Along the optical axis; of panoramas along the ray.
-double depth_of(const Camera& camera, const Vec3d& p) { return is_panorama(camera) ? length(p) : p.z; }
+double depth_of(const Camera& camera, const Vec3d& p) {
+  return is_panorama(camera) ? length(p) : p.z;
+}
 
 // Whether a place of the picture is away from edges as far as a pixel of the map.
 double steady_depth(const DepthMap& map, int x, int y) {

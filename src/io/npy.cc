@@ -83,8 +83,8 @@ NpyArray read_npy(const std::filesystem::path& path) {
   const std::string_view header(reinterpret_cast<const char*>(bytes.data()) + begin, length);
 
   const std::string_view type = value_of(header, "descr");
-  const bool known = type == "'<f8'" || type == "'<f4'" || type == "'<f2'" || type == "'<u2'" ||
-                     type == "'<u4'";
+  const bool known =
+      type == "'<f8'" || type == "'<f4'" || type == "'<f2'" || type == "'<u2'" || type == "'<u4'";
   if (!known)
     throw Error(fmt::format("holds numbers of type {}, not floats or unsigned integers", type),
                 where, "write array.astype('<f8')");

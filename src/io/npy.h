@@ -12,8 +12,8 @@ struct NpyArray {
   bool integers = false;       // of the file's type
 };
 
-// Little-endian floats of 16, 32 and 64 bits and unsigned integers of 16 and 32, in C order. Throws Error for anything else, for damaged headers
-// and for files whose length is not that of the array.
+// Little-endian floats of 16, 32 and 64 bits and unsigned integers of 16 and 32, in C order. Throws
+// Error for anything else, for damaged headers and for files whose length is not that of the array.
 NpyArray read_npy(const std::filesystem::path& path);
 
 }  // namespace nerf::internal

@@ -144,7 +144,8 @@ PhoneScan read_record3d(const fs::path& root) {
                      {"cy", k[7]}};
   if (!images.empty() && is_file(root / "depth" / (fs::path(images[0]).stem().string() + ".depth")))
     scan.ignored.push_back(
-        "depth/*.depth (compressed by LZFSE: Record3D's export as EXR + RGB has depth maps that are "
+        "depth/*.depth (compressed by LZFSE: Record3D's export as EXR + RGB has depth maps that "
+        "are "
         "read)");
   for (const char* key : {"w", "h"})
     if (metadata.contains(key)) scan.transforms[key] = metadata[key];

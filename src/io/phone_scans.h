@@ -15,9 +15,9 @@ namespace nerf::internal {
 bool is_phone_scan(const std::filesystem::path& root);
 
 struct PhoneScan {
-  std::string format;           // "Polycam raw data"
-  std::filesystem::path where;  // what was read, for errors
-  nlohmann::json transforms;    // frames with names below the folder
+  std::string format;                  // "Polycam raw data"
+  std::filesystem::path where;         // what was read, for errors
+  nlohmann::json transforms;           // frames with names below the folder
   std::vector<std::string> ignored{};  // what is there and not used, for people
 };
 

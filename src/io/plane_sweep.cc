@@ -342,8 +342,7 @@ int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool, con
       }
       ++added;
     }
-  if (added >= kFewPoints && scene.unbounded && !has_near)
-    internal::set_near_far(distances, scene);
+  if (added >= kFewPoints && scene.unbounded && !has_near) internal::set_near_far(distances, scene);
   return added;
 }
 

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdlib>
-#include <vector>
 
 #include "nerf/base/error.h"
 
@@ -58,56 +56,21 @@ double distortion_loss(std::span<const Real> middles, std::span<const Real> widt
 
 double depth_loss(std::span<const Real> middles, std::span<const Real> weights, Real depth,
                   Real scale, std::span<Real> d_weights) {
-  static const int kForm = std::getenv("DEPTH_FORM") ? std::atoi(std::getenv("DEPTH_FORM")) : 2;
-  static const double kSigma = std::getenv("DEPTH_SIGMA") ? std::atof(std::getenv("DEPTH_SIGMA")) : 0.01;
-  const double S = depth;
-  double loss = 0, W = 0, E = 0;
-  const size_t n = weights.size();
-  for (size_t i = 0; i < n; ++i) W += weights[i], E += weights[i] * middles[i];
-  // relative error in distance: t = s/(1-s); dt/t = ds/(s(1-s))
-  const double unit = kForm >= 10 ? 1 / (S * (1 - S)) : 1;
-  const int form = kForm % 10;
-  if (form == 1) {  // L1 of the expected place, the rest at infinity
-    const double e = E + (1 - W) - S;
-    for (size_t i = 0; i < n; ++i) d_weights[i] += scale * static_cast<Real>(unit * (e > 0 ? 1 : -1) * (middles[i] - 1.0));
-    return scale * unit * std::abs(e);
+  NERF_CHECK_EQ(middles.size(), weights.size());
+  NERF_CHECK_EQ(d_weights.size(), weights.size());
+  const double end = depth;
+  const double tolerance = kDepthTolerance * end * (1 - end);  // dm = m (1 - m) dd / d
+  const auto cost = [&](double middle) {
+    return std::max(0.0, std::abs(middle - end) - tolerance);
+  };
+  const double of_the_rest = cost(1);
+  double loss = of_the_rest;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    const double slope = cost(static_cast<double>(middles[i])) - of_the_rest;
+    loss += static_cast<double>(weights[i]) * slope;
+    d_weights[i] += scale * static_cast<Real>(slope);
   }
-  if (form == 2) {  // W1 with a dead zone of kSigma relative
-    const double dead = kSigma * S * (1 - S);
-    const auto cost = [&](double s) { return unit * std::max(0.0, std::abs(s - S) - dead); };
-    const double none = cost(1);
-    loss = none * (1 - W);
-    for (size_t i = 0; i < n; ++i) {
-      const double c = cost(middles[i]);
-      loss += weights[i] * c;
-      d_weights[i] += scale * static_cast<Real>(c - none);
-    }
-    return scale * loss;
-  }
-  if (form == 3) {  // DS-NeRF
-    const double sigma = kSigma * S * (1 - S);
-    double norm = 0;
-    std::vector<double> k(n);
-    for (size_t i = 0; i < n; ++i) norm += k[i] = std::exp(-(middles[i] - S) * (middles[i] - S) / (2 * sigma * sigma));
-    if (!(norm > 1e-3)) return 0;
-    for (size_t i = 0; i < n; ++i) {
-      const double w = weights[i] + 1e-3;
-      loss -= k[i] / norm * std::log(w);
-      d_weights[i] -= scale * static_cast<Real>(k[i] / norm / w);
-    }
-    return scale * loss;
-  }
-  // 4: line of sight: before nothing, near all
-  const double dead = kSigma * S * (1 - S);
-  double near = 0;
-  for (size_t i = 0; i < n; ++i) if (std::abs(middles[i] - S) <= dead) near += weights[i];
-  for (size_t i = 0; i < n; ++i) {
-    const double w = weights[i];
-    if (middles[i] < S - dead) { loss += w * w; d_weights[i] += scale * static_cast<Real>(2 * w); }
-    else if (middles[i] <= S + dead) d_weights[i] += scale * static_cast<Real>(2 * (near - 1));
-  }
-  loss += (near - 1) * (near - 1);
-  return scale * loss;
+  return static_cast<double>(scale) * loss;
 }
 
 double interlevel_loss(std::span<const Real> edges, std::span<const Real> weights,

@@ -256,13 +256,12 @@ void GridTrainer::add_losses_on_weights(Chunk& chunk, int64_t c) {
     const std::span d_weights(gradient + begin, n);
     const Real scale = chunk.data(tape.scale)[r];
     if (distortion > 0)
-      chunk.loss +=
-          distortion_loss(middles, of_ray(batch.width.data() + first_sample), weights,
-                          static_cast<Real>(3 * distortion) * scale, d_weights);
+      chunk.loss += distortion_loss(middles, of_ray(batch.width.data() + first_sample), weights,
+                                    static_cast<Real>(3 * distortion) * scale, d_weights);
     const Real depth = batch.depth[static_cast<size_t>(c * kChunkRays + r)];
     if (depth_now > 0 && depth > 0)
-      chunk.loss += depth_loss(middles, weights, depth, static_cast<Real>(3 * depth_now) * scale,
-                               d_weights);
+      chunk.loss +=
+          depth_loss(middles, weights, depth, static_cast<Real>(3 * depth_now) * scale, d_weights);
   }
 }
 

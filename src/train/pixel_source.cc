@@ -145,9 +145,8 @@ bool PixelSource::read(Pixel& out) const {
   if (!read_colour(out)) return false;
   if (!has_depth_ || !(out.along_axis > 0)) return true;
   const Vec2d centre = out.centre();
-  out.distance =
-      out.photo->depth.at(centre.x / out.photo->width, centre.y / out.photo->height) /
-      out.along_axis;
+  out.distance = out.photo->depth.at(centre.x / out.photo->width, centre.y / out.photo->height) /
+                 out.along_axis;
   return true;
 }
 

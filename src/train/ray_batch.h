@@ -47,7 +47,7 @@ class PixelSource {
   // The i-th photo's number among those of different files: the same at every scale.
   int file_of(size_t i) const { return files_[i]; }
   int files() const { return file_count_; }
-  bool has_depth() const { return has_depth_; }  // some photo has a depth map
+  bool has_depth() const { return has_depth_; }        // some photo has a depth map
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the

@@ -45,7 +45,8 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
       sizes.add(static_cast<uint64_t>(x));
     sizes.add(uint64_t{!photo.mask.empty()});
     if (!photo.depth.empty())
-      for (const int x : {photo.depth.width, photo.depth.height}) sizes.add(static_cast<uint64_t>(x));
+      for (const int x : {photo.depth.width, photo.depth.height})
+        sizes.add(static_cast<uint64_t>(x));
     const Camera& camera = photos.cameras[i];
     cameras.add(static_cast<uint64_t>(camera.model));
     for (const double p : camera.params) cameras.add(p);

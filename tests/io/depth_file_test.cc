@@ -112,8 +112,7 @@ TEST(DepthFiles, MillimetresInPng) {
 
 TEST(DepthFiles, UnitsThatTheFileSays) {
   TempFolder folder;
-  for (int i = 0; i < 4; ++i)
-    write_png(folder / "depth" / fmt::format("{}.png", i), 20, 15, 5000);
+  for (int i = 0; i < 4; ++i) write_png(folder / "depth" / fmt::format("{}.png", i), 20, 15, 5000);
   write_ring(folder.path(), ".png", R"(,"depth_unit_scale_factor":0.0002)");
   expect_depths(load_scene(folder.path()), 0.0001);
   write_ring(folder.path(), ".png", R"(,"integer_depth_scale":0.0002)", "depth_path");
@@ -162,7 +161,9 @@ TEST(DepthFiles, ArraysOfNumPy) {
   files([](const fs::path& p, const char* shape) {
     write_npy(p, "<u2", shape, depths<uint16_t>(1000));
   });
-  files([](const fs::path& p, const char* shape) { write_npy(p, "<f4", shape, depths<float>(1000)); });
+  files([](const fs::path& p, const char* shape) {
+    write_npy(p, "<f4", shape, depths<float>(1000));
+  });
   files([](const fs::path& p, const char* shape) {
     std::vector<uint16_t> halves;
     for (const double d : depths<double>(1000))

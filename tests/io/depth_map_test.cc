@@ -41,6 +41,14 @@ TEST(DepthMap, NothingIsKnownAcrossAnEdge) {
   EXPECT_EQ(map.at(3.6 / 8, 0.5), 0);
 }
 
+// So that a map of the photo's size is known up to its edges.
+TEST(DepthMap, TheMiddleOfAPixelIsItsOwn) {
+  const DepthMap map = make_map(49, 47, [](int x, int y) { return (x + y) % 2 ? 1.0 : 2.0; });
+  for (int y = 0; y < 47; ++y)
+    for (int x = 0; x < 49; ++x)
+      EXPECT_EQ(map.at((x + 0.5) / 49, (y + 0.5) / 47), map.pixel(x, y)) << x << " " << y;
+}
+
 TEST(DepthMap, NothingIsKnownBesideTheUnknown) {
   const DepthMap map = make_map(8, 8, [](int x, int y) { return x == 4 && y == 4 ? 0.0 : 1.0; });
   EXPECT_EQ(map.at(4.5 / 8, 4.5 / 8), 0);

@@ -70,7 +70,9 @@ TEST(DepthPoints, LieWhereTheMapsSayAndInThePhotosThatSeeThem) {
   }
   // The middle of the wall is in all three pictures, and depth is a witness more.
   for (const ScenePoint& p : c.scene.points)
-    if (std::abs(p.position.x - 0.1) < 0.5) ASSERT_EQ(p.views, 4);
+    if (std::abs(p.position.x - 0.1) < 0.5) {
+      ASSERT_EQ(p.views, 4);
+    }
 }
 
 TEST(DepthPoints, SetNearAndFarUnlessPointsOrOptionsDo) {

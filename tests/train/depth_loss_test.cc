@@ -37,8 +37,9 @@ test::SyntheticCapture wall_capture(bool depth = true) {
     if (depth) {
       // Of another size than the photo.
       const size_t pixels = kSize / 2 * kSize / 2;
-      photo.depth = {kSize / 2, kSize / 2,
-                     std::vector<uint16_t>(pixels, internal::float_to_half(static_cast<float>(kWall)))};
+      photo.depth = {
+          kSize / 2, kSize / 2,
+          std::vector<uint16_t>(pixels, internal::float_to_half(static_cast<float>(kWall)))};
     }
     c.photos.photos.push_back(photo);
     c.photos.cameras.push_back(c.scene.cameras[0]);
@@ -59,7 +60,8 @@ double depth_error(const test::SyntheticCapture& c, double weight) {
   int count = 0;
   for (int y = kSize / 4; y < 3 * kSize / 4; ++y)
     for (int x = kSize / 4; x < 3 * kSize / 4; ++x, ++count)
-      sum += std::abs(static_cast<double>(frame.depth_z[static_cast<size_t>(y * kSize + x)]) - kWall);
+      sum +=
+          std::abs(static_cast<double>(frame.depth_z[static_cast<size_t>(y * kSize + x)]) - kWall);
   return sum / count;
 }
 

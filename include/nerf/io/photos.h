@@ -54,9 +54,10 @@ struct PhotoSet {
   double decode_seconds = 0;
 };
 
-// Decodes every view's photo (and mask and depth map) in parallel, downscales by area average (masks: nearest).
-// Throws Error for truncated or corrupt files, photos transposed against their camera and sizes
-// whose ratio disagrees with the camera. `progress` is called from one thread at a time.
+// Decodes every view's photo (and mask and depth map) in parallel, downscales by area average
+// (masks: nearest). Throws Error for truncated or corrupt files, photos transposed against their
+// camera and sizes whose ratio disagrees with the camera. `progress` is called from one thread at a
+// time.
 PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
                      const std::function<void(int done, int total)>& progress = {});
 

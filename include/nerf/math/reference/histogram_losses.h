@@ -35,8 +35,8 @@ T distortion_loss(const std::vector<double>& s, const std::vector<T>& w) {
   return distortion_loss(middles, widths, w);
 }
 
-// sum_i w_i c(m_i) + (1 - sum_i w_i) c(1), c(m) = max(0, |m - depth| - tolerance depth (1 - depth)): how
-// far light is from where a sensor says that it ends.
+// sum_i w_i c(m_i) + (1 - sum_i w_i) c(1), c(m) = max(0, |m - depth| - tolerance depth (1 -
+// depth)): how far light is from where a sensor says that it ends.
 template <class T>
 T depth_loss(const std::vector<double>& middles, const std::vector<T>& w, double depth,
              double tolerance) {
