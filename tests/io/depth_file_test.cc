@@ -8,6 +8,7 @@
 #include <fstream>
 #include <limits>
 
+#include "base/half.h"
 #include "io/npy.h"
 #include "nerf/io/photos.h"
 #include "test_images.h"
