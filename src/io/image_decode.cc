@@ -173,6 +173,25 @@ std::vector<uint8_t> first_bytes(const fs::path& path, size_t count) {
   return head;
 }
 
+// Complete, with a size that its bytes can hold.
+MemoryInput open_whole(const fs::path& path) {
+  MemoryInput memory;
+  const ImageFileKind kind = image_file_kind(first_bytes(path, 8));
+  if (kind != ImageFileKind::kOther) {
+    memory.bytes = read_file(path);
+    const auto problem = kind == ImageFileKind::kJpeg
+                             ? jpeg_problem(memory.bytes)
+                             : png_problem(memory.bytes, memory.bytes.size());
+    if (problem) throw damaged(path, *problem);
+    open_in_memory(memory, path, kind == ImageFileKind::kJpeg ? "jpeg" : "png");
+  } else {
+    memory.in = open_by_path(path);
+  }
+  check_spec(memory.in->spec(), path,
+             kind == ImageFileKind::kOther ? length_of(path) : memory.bytes.size());
+  return memory;
+}
+
 void read_samples(OIIO::ImageInput& in, const fs::path& path, const Layout& layout,
                   OIIO::TypeDesc type, size_t sample_bytes, void* out) {
   bool good = true;
@@ -189,6 +208,12 @@ void read_samples(OIIO::ImageInput& in, const fs::path& path, const Layout& layo
   }
   // Decoders may report damage, fill the rest with grey and return success.
   if (!good || in.has_error()) throw cannot_read(path, in.geterror());
+}
+
+void read_channel(OIIO::ImageInput& in, const fs::path& path, int channel, OIIO::TypeDesc type,
+                  void* out) {
+  if (!in.read_image(0, 0, channel, channel + 1, type, out) || in.has_error())
+    throw cannot_read(path, in.geterror());
 }
 
 }  // namespace
@@ -222,21 +247,8 @@ std::set<std::string> readable_camera_formats() {
 
 StoredImage decode_image(const fs::path& path) {
   return name_the_file(path, [&] {
-    MemoryInput memory;
-    const ImageFileKind kind = image_file_kind(first_bytes(path, 8));
-    if (kind != ImageFileKind::kOther) {
-      memory.bytes = read_file(path);
-      const auto problem = kind == ImageFileKind::kJpeg
-                               ? jpeg_problem(memory.bytes)
-                               : png_problem(memory.bytes, memory.bytes.size());
-      if (problem) throw damaged(path, *problem);
-      open_in_memory(memory, path, kind == ImageFileKind::kJpeg ? "jpeg" : "png");
-    } else {
-      memory.in = open_by_path(path);
-    }
+    const MemoryInput memory = open_whole(path);
     const OIIO::ImageSpec& spec = memory.in->spec();
-    check_spec(spec, path, kind == ImageFileKind::kOther ? length_of(path) : memory.bytes.size());
-
     const Layout layout = layout_of(spec);
     StoredImage image;
     image.width = spec.width;
@@ -257,6 +269,31 @@ StoredImage decode_image(const fs::path& path) {
                    2, image.samples16.data());
     }
     return image;
+  });
+}
+
+StoredChannel decode_channel(const fs::path& path) {
+  return name_the_file(path, [&] {
+    const MemoryInput memory = open_whole(path);
+    const OIIO::ImageSpec& spec = memory.in->spec();
+    StoredChannel out{spec.width,
+                      spec.height,
+                      spec.nchannels,
+                      static_cast<int>(8 * spec.format.basesize()),
+                      !spec.format.is_floating_point(),
+                      {}};
+    const int z = std::max(spec.channelindex("Z"), spec.channelindex("z"));
+    const int channel = std::max(z, 0);
+    const size_t count = static_cast<size_t>(out.width) * static_cast<size_t>(out.height);
+    out.values.resize(count);
+    if (!out.integers) {
+      read_channel(*memory.in, path, channel, OIIO::TypeDesc::FLOAT, out.values.data());
+      return out;
+    }
+    std::vector<uint16_t> samples(count);
+    read_channel(*memory.in, path, channel, OIIO::TypeDesc::UINT16, samples.data());
+    std::copy(samples.begin(), samples.end(), out.values.begin());
+    return out;
   });
 }
 

@@ -34,4 +34,15 @@ std::set<std::string> readable_camera_formats();
 // Throws Error: see read_image_8bit in nerf/io/image.h.
 StoredImage decode_image(const std::filesystem::path& path);
 
+// One channel as numbers, integers as they are: of several the one named Z (any case), else the
+// first.
+struct StoredChannel {
+  int width = 0, height = 0;
+  int channels = 0;  // of the file
+  int bits = 0;      // of a number in the file
+  bool integers = false;
+  std::vector<float> values;
+};
+StoredChannel decode_channel(const std::filesystem::path& path);
+
 }  // namespace nerf::internal

@@ -9,6 +9,7 @@
 #include <string>
 #include <string_view>
 
+#include "half.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 
@@ -49,6 +50,19 @@ std::vector<size_t> shape_of(std::string_view text, const std::string& where) {
   return shape;
 }
 
+template <class T>
+T bits_at(const uint8_t* at) {
+  T value;
+  std::memcpy(&value, at, sizeof(value));
+  return value;
+}
+
+double number(const uint8_t* at, size_t width, bool integer) {
+  if (integer) return width == 2 ? bits_at<uint16_t>(at) : bits_at<uint32_t>(at);
+  if (width == 2) return static_cast<double>(half_to_float(bits_at<uint16_t>(at)));
+  return width == 4 ? static_cast<double>(bits_at<float>(at)) : bits_at<double>(at);
+}
+
 }  // namespace
 
 NpyArray read_npy(const std::filesystem::path& path) {
@@ -69,13 +83,16 @@ NpyArray read_npy(const std::filesystem::path& path) {
   const std::string_view header(reinterpret_cast<const char*>(bytes.data()) + begin, length);
 
   const std::string_view type = value_of(header, "descr");
-  const size_t width = type == "'<f8'" ? 8 : type == "'<f4'" ? 4 : 0;
-  if (width == 0)
-    throw Error(fmt::format("holds numbers of type {}, not 32 or 64 bit floats", type), where,
-                "write array.astype('<f8')");
+  const bool known =
+      type == "'<f8'" || type == "'<f4'" || type == "'<f2'" || type == "'<u2'" || type == "'<u4'";
+  if (!known)
+    throw Error(fmt::format("holds numbers of type {}, not floats or unsigned integers", type),
+                where, "write array.astype('<f8')");
+  const size_t width = static_cast<size_t>(type[3] - '0');
   if (value_of(header, "fortran_order") != "False")
     throw Error("is stored column by column", where, "write numpy.ascontiguousarray(array)");
   NpyArray out;
+  out.integers = type[2] == 'u';
   out.shape = shape_of(value_of(header, "shape"), where);
   uint64_t count = 1;
   for (const size_t n : out.shape) {
@@ -89,16 +106,7 @@ NpyArray read_npy(const std::filesystem::path& path) {
                 where, "the file is damaged or was cut off: copy it again");
   static_assert(std::endian::native == std::endian::little);
   for (size_t i = 0; i < count; ++i) {
-    const uint8_t* at = bytes.data() + data + i * width;
-    double value = 0;
-    if (width == 8) {
-      std::memcpy(&value, at, sizeof(value));
-    } else {
-      float single;
-      std::memcpy(&single, at, sizeof(single));
-      value = static_cast<double>(single);
-    }
-    out.values.push_back(value);
+    out.values.push_back(number(bytes.data() + data + i * width, width, out.integers));
   }
   return out;
 }

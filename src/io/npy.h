@@ -9,10 +9,11 @@ namespace nerf::internal {
 struct NpyArray {
   std::vector<size_t> shape;
   std::vector<double> values;  // row by row
+  bool integers = false;       // of the file's type
 };
 
-// Little-endian float32 and float64 in C order. Throws Error for anything else, for damaged headers
-// and for files whose length is not that of the array.
+// Little-endian floats of 16, 32 and 64 bits and unsigned integers of 16 and 32, in C order. Throws
+// Error for anything else, for damaged headers and for files whose length is not that of the array.
 NpyArray read_npy(const std::filesystem::path& path);
 
 }  // namespace nerf::internal

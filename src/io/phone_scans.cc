@@ -36,7 +36,24 @@ PolycamFolders polycam_folders(const fs::path& root) {
   return {};
 }
 
-PhoneScan read_polycam(const PolycamFolders& folders) {
+// "The max range of the lidar sensor is 5M, so the depth map for any part of the scene larger than
+// that is a total guess" (README of Polycam's polyform, which tells the files too).
+constexpr double kLidarReach = 5;
+
+// Adds the depth map below the root that has the photo's name, if there is one.
+void add_depth(const fs::path& root, const std::string& folder, const std::string& stem,
+               double unit, json& frame) {
+  for (const char* extension : {".png", ".exr", ".tif", ".tiff", ".npy"}) {
+    const std::string name = fmt::format("{}/{}{}", folder, stem, extension);
+    if (!is_file(root / name)) continue;
+    frame["depth_file_path"] = name;
+    frame["depth_unit_scale_factor"] = unit;
+    frame["depth_reach"] = kLidarReach;
+    return;
+  }
+}
+
+PhoneScan read_polycam(const fs::path& root, const PolycamFolders& folders) {
   PhoneScan scan{"Polycam raw data", folders.cameras, json::object()};
   std::vector<fs::path> files;
   std::error_code problem;
@@ -68,6 +85,10 @@ PhoneScan read_polycam(const PolycamFolders& folders) {
                       {"cy", entry("cy")},
                       {"w", entry("width")},
                       {"h", entry("height")}});
+    const std::string stem = file.stem().string();
+    add_depth(root, "keyframes/depth", stem, 1e-3, frames.back());
+    const std::string confidence = fmt::format("keyframes/confidence/{}.png", stem);
+    if (is_file(root / confidence)) frames.back()["depth_confidence_path"] = confidence;
   }
   scan.transforms = {{"frames", std::move(frames)}, {"up", {0, 1, 0}}};
   return scan;
@@ -109,6 +130,10 @@ PhoneScan read_record3d(const fs::path& root) {
     for (size_t row = 0; row < 3; ++row)
       matrix.push_back({r.m[row][0], r.m[row][1], r.m[row][2], p[4 + row]});
     frames.push_back({{"file_path", "rgb/" + images[i]}, {"transform_matrix", std::move(matrix)}});
+    const std::string stem = fs::path(images[i]).stem().string();
+    // Metres in EXR; in integers millimetres.
+    const bool floats = is_file(root / "depth" / (stem + ".exr"));
+    add_depth(root, "depth", stem, floats ? 1 : 1e-3, frames.back());
   }
   scan.transforms = {{"frames", std::move(frames)},
                      {"up", {0, 1, 0}},
@@ -117,6 +142,11 @@ PhoneScan read_record3d(const fs::path& root) {
                      {"fl_y", k[4]},
                      {"cx", k[6]},
                      {"cy", k[7]}};
+  if (!images.empty() && is_file(root / "depth" / (fs::path(images[0]).stem().string() + ".depth")))
+    scan.ignored.push_back(
+        "depth/*.depth (compressed by LZFSE: Record3D's export as EXR + RGB has depth maps that "
+        "are "
+        "read)");
   for (const char* key : {"w", "h"})
     if (metadata.contains(key)) scan.transforms[key] = metadata[key];
   return scan;
@@ -135,7 +165,7 @@ bool is_phone_scan(const fs::path& root) {
 
 PhoneScan read_phone_scan(const fs::path& root) {
   const PolycamFolders polycam = polycam_folders(root);
-  return polycam.images.empty() ? read_record3d(root) : read_polycam(polycam);
+  return polycam.images.empty() ? read_record3d(root) : read_polycam(root, polycam);
 }
 
 }  // namespace nerf::internal

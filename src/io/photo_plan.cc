@@ -9,14 +9,10 @@
 #include "orientation.h"
 
 namespace nerf::internal {
-namespace {
 
-// A resized side is a whole number: 2 %, or 2 pixels.
 bool same_shape(double w1, double h1, double w2, double h2) {
   return std::abs(w1 * h2 / w2 - h1) <= std::max(2.0, 0.02 * h1);
 }
-
-}  // namespace
 
 int orientation_for(const Camera& camera, const ImageInfo& info) {
   const int w = info.width, h = info.height;

@@ -11,6 +11,10 @@ namespace nerf::internal {
 // Width or height after --downscale: nearest whole number, at least 1.
 int downscaled(int size, int downscale);
 
+// Whether two pictures have the same shape, within 2 % or 2 pixels: a resized side is a whole
+// number.
+bool same_shape(double w1, double h1, double w2, double h2);
+
 // The camera of a photo of width x height pixels, turned as orientation_for() says, scaled to
 // new_width x new_height. Throws Error where the photo lies on its side against the camera, or the
 // ratios of the sides differ by more than 2 % (or 2 pixels: a resized side is a whole number).

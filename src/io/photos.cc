@@ -9,6 +9,7 @@
 #include <span>
 
 #include "cut_out.h"
+#include "depth_file.h"
 #include "half.h"
 #include "image_decode.h"
 #include "nerf/base/error.h"
@@ -236,6 +237,11 @@ PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
       set.photos[i].mask = read_mask(
           view, orientation[i], internal::shown_pixels(orientation[i], stored.width, stored.height),
           set.photos[i].width, set.photos[i].height);
+    }
+    if (!view.depth_path.empty()) {
+      const ShownPixels shown = internal::shown_pixels(orientation[i], stored.width, stored.height);
+      set.photos[i].depth = internal::read_depth_map(view, orientation[i], shown.width,
+                                                     shown.height, scene.to_engine.scale);
     }
     if (scene.cut_out) internal::cut_out(stored, *scene.cut_out);
     convert(stored, orientation[i], view.image_path.string(), set.photos[i]);

@@ -277,13 +277,6 @@ std::vector<Found> agreed(const std::vector<SweepImage>& images,
   return out;
 }
 
-// Sets where content begins and ends, where no option does.
-void set_near_far(const std::vector<double>& distances, Scene& scene) {
-  const auto [near, far] = internal::near_far_of(distances);
-  if (!scene.options.far) scene.far = scene.options.near ? std::max(far, 2 * scene.near) : far;
-  if (!scene.options.near) scene.near = std::min(near, 0.5 * scene.far);
-}
-
 // Of the points those that some photo is said to see.
 int points_seen(const Scene& scene) {
   std::vector<uint8_t> seen(scene.points.size());
@@ -349,7 +342,7 @@ int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool, con
       }
       ++added;
     }
-  if (added >= kFewPoints && scene.unbounded && !has_near) set_near_far(distances, scene);
+  if (added >= kFewPoints && scene.unbounded && !has_near) internal::set_near_far(distances, scene);
   return added;
 }
 

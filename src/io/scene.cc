@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "cut_out.h"
+#include "depth_file.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "point_cloud.h"
@@ -117,6 +118,8 @@ void warn_of_few(SceneReport& report) {
 }
 
 void warn_of_no_points(const Scene& scene, SceneReport& report) {
+  const auto has_depth = [](const View& view) { return !view.depth_path.empty(); };
+  if (std::ranges::any_of(scene.views, has_depth)) return;  // which says where content is
   if (!scene.points.empty() || !scene.unbounded || scene.options.format == SceneFormat::kLlff ||
       (scene.options.near && scene.options.far))
     return;
@@ -165,6 +168,7 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   scene.cut_out =
       internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale, report);
   scene.alpha = scene.alpha || scene.cut_out;
+  internal::resolve_depths(input, report);
   internal::add_points_from_files(input, scene.root, report);
   internal::drop_far_cameras(input, report);
   if (input.views.size() < 2) {

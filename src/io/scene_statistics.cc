@@ -40,6 +40,12 @@ std::pair<double, double> near_far_of(const std::vector<double>& distances) {
           std::max(kFarthest, 2 * quantile(distances, 0.999))};
 }
 
+void set_near_far(const std::vector<double>& distances, Scene& scene) {
+  const auto [near, far] = near_far_of(distances);
+  if (!scene.options.far) scene.far = scene.options.near ? std::max(far, 2 * scene.near) : far;
+  if (!scene.options.near) scene.near = std::min(near, 0.5 * scene.far);
+}
+
 std::vector<char> supported_points(const std::vector<ScenePoint>& points) {
   constexpr size_t kEnough = 50;
   if (std::all_of(points.begin(), points.end(), [](const ScenePoint& p) { return p.views == 0; })) {

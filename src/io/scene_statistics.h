@@ -22,6 +22,9 @@ std::vector<char> in_the_crowd(const std::vector<double>& values, double factor)
 // distances from the cameras that see them; at least 1.
 std::pair<double, double> near_far_of(const std::vector<double>& distances);
 
+// Sets the scene's by such distances, where no option says them.
+void set_near_far(const std::vector<double>& distances, Scene& scene);
+
 // Points that several images agree on: what normalisation may rely on. Three images, or two where a
 // capture has few that three see; all where nobody knows who sees them.
 std::vector<char> supported_points(const std::vector<ScenePoint>& points);

@@ -152,6 +152,7 @@ class TransformsReader {
       const FoundImage found = find_images(root, {mask}).front();
       view.mask_path = found.path.empty() ? root / mask : found.path;
     }
+    read_depth_entries(frame, root, view);
     view.camera = camera(frame, view);
     input_.views.push_back(std::move(view));
     input_.is_test.push_back(test);
@@ -241,6 +242,7 @@ SceneInput read_phone_scene(const fs::path& root) {
   reader.read(scan.transforms, scan.where, root, false, false);
   reader.finish(scan.where.filename().string());
   require_frames(input, scan.where);
+  input.ignored.insert(input.ignored.end(), scan.ignored.begin(), scan.ignored.end());
   input.is_test.clear();
   input.listing = scan.where;
   input.format = scan.format;

@@ -8,6 +8,7 @@
 #include <array>
 #include <map>
 
+#include "image_lookup.h"
 #include "lenient_json.h"
 #include "scene_limits.h"
 
@@ -83,6 +84,13 @@ bool is_read_entry(const std::string& key) {
                              "transform_matrix",
                              "transform_matrix_start",
                              "mask_path",
+                             "depth_file_path",
+                             "depth_path",
+                             "depth_confidence_path",
+                             "depth_unit_scale_factor",
+                             "integer_depth_scale",
+                             "depth_reach",
+                             "enable_depth_loading",
                              "time",
                              "w",
                              "h",
@@ -164,6 +172,29 @@ void read_common_entries(const json& root, const fs::path& file, SceneInput& inp
     input.up = Vec3d{0, 0, 1};
     input.notes.push_back("up is +z: the file's \"orientation_override\" is \"none\"");
   }
+}
+
+void read_depth_entries(const FrameJson& frame, const fs::path& root, View& view) {
+  const FrameJson own{frame.frame, frame.frame, frame.where};
+  const auto file = [&](const char* key) {
+    const std::string name = own.text(key);
+    if (name.empty()) return fs::path();
+    const FoundImage found = find_images(root, {name}).front();
+    return found.path.empty() ? root / name : found.path;
+  };
+  const bool ngp = own.find("depth_file_path") == nullptr;
+  if (ngp && frame.find("enable_depth_loading") != nullptr && !frame.flag("enable_depth_loading"))
+    return;
+  view.depth_path = file(ngp ? "depth_path" : "depth_file_path");
+  if (view.depth_path.empty()) return;
+  view.depth_confidence_path = file("depth_confidence_path");
+  for (const char* key : {"integer_depth_scale", "depth_unit_scale_factor"}) {
+    const auto unit = frame.number(key);
+    if (!unit) continue;
+    if (!(*unit > 0)) frame.fail(fmt::format("\"{}\" is not above 0", key));
+    view.depth_unit = *unit;
+  }
+  view.depth_reach = frame.number("depth_reach").value_or(view.depth_reach);
 }
 
 void obey_split(const json& root, const fs::path& file, SceneInput& input) {

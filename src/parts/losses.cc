@@ -1,6 +1,7 @@
 #include "nerf/parts/losses.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 
 #include "nerf/base/error.h"
@@ -51,6 +52,25 @@ double distortion_loss(std::span<const Real> middles, std::span<const Real> widt
   return distortion([&](size_t i) { return static_cast<double>(middles[i]); },
                     [&](size_t i) { return static_cast<double>(widths[i]); }, weights, scale,
                     d_weights);
+}
+
+double depth_loss(std::span<const Real> middles, std::span<const Real> weights, Real depth,
+                  Real scale, std::span<Real> d_weights) {
+  NERF_CHECK_EQ(middles.size(), weights.size());
+  NERF_CHECK_EQ(d_weights.size(), weights.size());
+  const double end = depth;
+  const double tolerance = kDepthTolerance * end * (1 - end);  // dm = m (1 - m) dd / d
+  const auto cost = [&](double middle) {
+    return std::max(0.0, std::abs(middle - end) - tolerance);
+  };
+  const double of_the_rest = cost(1);
+  double loss = of_the_rest;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    const double slope = cost(static_cast<double>(middles[i])) - of_the_rest;
+    loss += static_cast<double>(weights[i]) * slope;
+    d_weights[i] += scale * static_cast<Real>(slope);
+  }
+  return static_cast<double>(scale) * loss;
 }
 
 double interlevel_loss(std::span<const Real> edges, std::span<const Real> weights,

@@ -20,7 +20,7 @@ GridHead::GridHead(const GridField& field, const GridLosses& losses, const Dense
 GridLosses GridTrainer::losses(const PixelLoss& pixel) const {
   const GridRecipe& r = options.grid_recipe;
   return {.pixel = pixel,
-          .on_weights = distortion > 0,
+          .on_weights = has_losses_on_weights(),
           .shared_colour = static_cast<Real>(r.shared_colour),
           .stop_transmittance = static_cast<Real>(r.stop_transmittance),
           .roulette = static_cast<Real>(r.gradient_roulette)};
@@ -96,7 +96,7 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       chunk.roulette.offset = static_cast<double>(random.uniform());
       tape.tape.forward(chunk);
       chunk_colours[static_cast<size_t>(c)] = chunk.count(tape.colour);
-      if (distortion > 0) add_distortion(c, tape, chunk);
+      if (has_losses_on_weights()) add_losses_on_weights(c, tape, chunk);
       tape.tape.backward(chunk);
       keep_samples(c, chunk);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
@@ -160,19 +160,27 @@ void GridTrainer::render() {
   });
 }
 
-// A mean over rays: their scale is that of a mean over three channels too.
-void GridTrainer::add_distortion(int64_t c, const GridTape& tape, Chunk& chunk) {
+// Means over rays: their scale is that of a mean over three channels too.
+void GridTrainer::add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk) {
   const int64_t first_sample = c * kChunkSamples;
+  const double depth_now = depth_weight > 0 ? depth_weight_at(done) : 0;
   Real* gradient = chunk.data(tape.weight_gradient);
   std::fill_n(gradient, chunk.samples, 0.0_r);
   for (int r = 0; r < chunk.rays; ++r) {
     const int32_t begin = chunk.ray_begin[r];
     const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
     const auto of_ray = [&](const Real* data) { return std::span(data + begin, n); };
-    chunk.loss += distortion_loss(
-        of_ray(batch.middle.data() + first_sample), of_ray(batch.width.data() + first_sample),
-        of_ray(chunk.data(tape.image.weights)), static_cast<Real>(3 * distortion) * scale_of(c, r),
-        std::span(gradient + begin, n));
+    const auto middles = of_ray(batch.middle.data() + first_sample);
+    const auto weights = of_ray(chunk.data(tape.image.weights));
+    const std::span d_weights(gradient + begin, n);
+    const Real scale = scale_of(c, r);
+    if (distortion > 0)
+      chunk.loss += distortion_loss(middles, of_ray(batch.width.data() + first_sample), weights,
+                                    static_cast<Real>(3 * distortion) * scale, d_weights);
+    const Real depth = batch.depth[static_cast<size_t>(c * kChunkRays + r)];
+    if (depth_now > 0 && depth > 0)
+      chunk.loss +=
+          depth_loss(middles, weights, depth, static_cast<Real>(3 * depth_now) * scale, d_weights);
   }
 }
 

@@ -48,10 +48,11 @@ void TableState::give_weights(GridField& field) const {
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
+      depth_weight(depth_loss_weight(o, s, p)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
       optimiser(field),
       errors(p, s.train, static_cast<Real>(o.grid_recipe.error_guidance)),
-      maker(source, errors, field, distortion > 0, t),
+      maker(source, errors, field, distortion > 0 || depth_weight > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));

@@ -69,6 +69,7 @@ struct GridTrainer final : TrainerImpl {
   // Moments are corrected as if its betas had always been what they are by then: rows that were
   // touched a few times take somewhat smaller steps.
   AdamStep adam_at(int64_t step) const;
+  double depth_weight_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step, const TrainingPlan& plan) const;
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
@@ -80,7 +81,8 @@ struct GridTrainer final : TrainerImpl {
   void set_loss(int64_t c, const GridTape& tape, Chunk& chunk);
   // What a squared error, summed over channels, of a ray of chunk c counts in the loss.
   Real scale_of(int64_t c, int ray) const;
-  void add_distortion(int64_t c, const GridTape& tape, Chunk& chunk);
+  bool has_losses_on_weights() const { return distortion > 0 || depth_weight > 0; }
+  void add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
   void keep_samples(int64_t c, Chunk& chunk);
   // Squared errors of chunk c, for the map of errors.
@@ -91,7 +93,8 @@ struct GridTrainer final : TrainerImpl {
   double mean_squared_error() const;
   void initialise();
 
-  double distortion;  // weight of the loss
+  double distortion;    // weight of the loss
+  double depth_weight;  // likewise; 0 where no photo has a depth map
   GridField field;
   TableState optimiser;
   std::unique_ptr<GridHead> own_head, given_head;    // of the method's loss, and of the caller's

@@ -1,6 +1,8 @@
 // What the methods over tables, and those over wide networks, have in common.
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "nerf/base/error.h"
 #include "train/grid_trainer.h"
 #include "train/method_rows.h"
@@ -51,6 +53,9 @@ void unused_by_grid(const TrainOptions& options, const Names& given, const Scene
                     std::vector<std::string>& out) {
   if (given.contains("keep_transparent") && !scene.alpha)
     out.emplace_back("--keep-transparent is not used: the photos have no alpha");
+  const auto has_depth = [](const View& view) { return !view.depth_path.empty(); };
+  if (given.contains("depth_loss") && std::ranges::none_of(scene.views, has_depth))
+    out.emplace_back("--depth-loss is not used: the capture has no depth maps");
   if (given.contains("keep_free") && !scene.unbounded)
     out.emplace_back("--keep-free is not used: the scene ends with its box");
   if (given.contains("stop_transmittance") && options.grid_recipe.shared_colour == 0)

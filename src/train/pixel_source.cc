@@ -25,6 +25,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     poses_.push_back(scene.to_engine.apply(view.pose));
     near_.push_back(near[static_cast<size_t>(v)]);
     times_.push_back(static_cast<Real>(view.time));
+    has_depth_ = has_depth_ || !p.depth.empty();
     const std::filesystem::path file =
         view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
     files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
@@ -129,10 +130,22 @@ bool PixelSource::cast(Pixel& out) const {
   out.ray.near = near_[i];
   out.ray.time = times_[i];
   out.ray.photo = files_[i];
+  if (has_depth_)
+    out.along_axis =
+        is_panorama(*out.camera) ? 1 : dot(ray->direction, poses_[i].rotation.column(2));
   return true;
 }
 
 bool PixelSource::read(Pixel& out) const {
+  if (!read_colour(out)) return false;
+  if (!has_depth_ || !(out.along_axis > 0)) return true;
+  const Vec2d centre = out.centre();
+  out.distance = out.photo->depth.at(centre.x / out.photo->width, centre.y / out.photo->height) /
+                 out.along_axis;
+  return true;
+}
+
+bool PixelSource::read_colour(Pixel& out) const {
   if (out.photo->masked_out(out.x, out.y)) return false;
   Real rgba[4];
   out.photo->pixel(out.x, out.y, rgba);

@@ -9,6 +9,13 @@
 
 namespace nerf {
 
+namespace {
+
+// Of a distance, engine units, in [0, 1): see RayBatch::middle.
+Real inverse_place(Real distance) { return 1 - 1 / (1 + distance); }
+
+}  // namespace
+
 RayBatch::RayBatch(int max) : max_chunks(max) {
   const size_t n = static_cast<size_t>(max) * kChunkSamples;
   for (auto* a : {&x, &y, &z, &delta, &middle, &width, &cell_width}) *a = AlignedArray<Real>(n);
@@ -22,6 +29,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   target = AlignedArray<Real>(r);
   tile.resize(static_cast<size_t>(max) * kChunkRays);
   weight.resize(tile.size());
+  depth.resize(tile.size());
 }
 
 void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
@@ -76,6 +84,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.valid = true;
     record.tile = pixel.tile;
     record.weight = pixel.weight;
+    record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = given.empty() ? random.uniform() : pixel.ray.background[k];
@@ -108,7 +117,7 @@ void RayBatchMaker::place_samples(const Vec3& entry, const Vec3& direction, Real
     const Real t = samples.t[s - first];
     if (intervals_) {
       const Real inverse = 1 / (1 + (start + t));
-      block.middle[s] = 1 - inverse;
+      block.middle[s] = inverse_place(start + t);
       block.width[s] = samples.delta[s - first] * inverse * inverse;
     }
     const Vec3 p = entry + direction * t;
@@ -137,6 +146,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.cell_width, batch.cell_width);
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
+    batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];

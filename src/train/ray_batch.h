@@ -32,6 +32,8 @@ class PixelSource {
     size_t source = 0;  // the i-th training photo
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
+    double along_axis = 1;       // depth of a ray's unit length
+    double distance = 0;         // engine units, by the photo's depth map; 0: unknown
 
     Vec2d centre() const { return {x + 0.5, y + 0.5}; }
   };
@@ -43,10 +45,11 @@ class PixelSource {
   size_t photos() const { return views_.size(); }
   // Photos of different files: Ray::photo is one of them, the same at every scale.
   int files() const { return file_count_; }
+  bool has_depth() const { return has_depth_; }        // some photo has a depth map
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
-  // second reads colour and mask.
+  // second reads colour, mask and depth.
   bool locate(Random& random, const ErrorMap* errors, Pixel& out) const;
   // Of as many pixels, each with its own random numbers; found[i] says whether there is a ray.
   void locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
@@ -56,6 +59,7 @@ class PixelSource {
  private:
   void choose(Random& random, Pixel& out) const;
   bool cast(Pixel& out) const;
+  bool read_colour(Pixel& out) const;
 
   const PhotoSet& photos_;
   const std::vector<int>& views_;        // Scene::train
@@ -65,6 +69,7 @@ class PixelSource {
   std::vector<int> files_;               // see Ray::photo
   int file_count_ = 0;
   double mean_weight_ = 1;
+  bool has_depth_ = false;
   std::vector<double> near_;  // engine units; no sample closer to the camera
   std::vector<Real> times_;   // see Ray::time
 };
@@ -88,6 +93,7 @@ struct RayBatch {
   AlignedArray<Real> direction, background, target;  // [chunk][3][kChunkRays]
   std::vector<int32_t> tile;                         // of the error map, [chunk][kChunkRays]
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
+  std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
@@ -136,6 +142,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
+    Real depth = 0;
     int32_t tile = 0;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step

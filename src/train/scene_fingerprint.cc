@@ -47,6 +47,9 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
     for (const int x : {photo.width, photo.height, photo.channels})
       sizes.add(static_cast<uint64_t>(x));
     sizes.add(uint64_t{!photo.mask.empty()});
+    if (!photo.depth.empty())
+      for (const int x : {photo.depth.width, photo.depth.height})
+        sizes.add(static_cast<uint64_t>(x));
     const Camera& camera = photos.cameras[i];
     cameras.add(static_cast<uint64_t>(camera.model));
     for (const double p : camera.params) cameras.add(p);

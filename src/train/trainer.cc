@@ -45,6 +45,15 @@ double distortion_weight(const TrainOptions& options, const Scene& scene) {
   return options.grid_recipe.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
 }
 
+double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos) {
+  constexpr double kUsual = 0.1;  // docs/benchmarks.md, "Depth maps"
+  const auto has_depth = [&](int v) {
+    return !photos.photos[static_cast<size_t>(v)].depth.empty();
+  };
+  if (std::ranges::none_of(scene.train, has_depth)) return 0;
+  return options.grid_recipe.depth_loss.value_or(kUsual);
+}
+
 TrainingPlan TrainOptions::plan() const { return {steps, hold, plan_changes}; }
 
 Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,

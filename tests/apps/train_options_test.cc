@@ -48,6 +48,15 @@ TEST(TrainOptionsText, TheHullNeedsPhotosWithAlpha) {
   EXPECT_TRUE(apps::unused_options({}, {"keep_transparent"}, cut_out).empty());
 }
 
+TEST(TrainOptionsText, ALossByDepthMapsNeedsSome) {
+  Scene scene;
+  scene.views.resize(2);
+  EXPECT_EQ(apps::unused_options({}, {"depth_loss"}, scene),
+            std::vector<std::string>{"--depth-loss is not used: the capture has no depth maps"});
+  scene.views[1].depth_path = "depth/1.png";
+  EXPECT_TRUE(apps::unused_options({}, {"depth_loss"}, scene).empty());
+}
+
 TEST(TrainOptionsText, OnlyProposalsAreAnnealed) {
   const std::set<std::string> given = {"recipe.anneal", "recipe.anneal_steps"};
   for (const char* method : {"nerf", "mipnerf", "mipnerf360"}) {

@@ -48,6 +48,13 @@ void unbounded_with_points(Setting& s) {
     for (const int v : s.capture.scene.train) s.capture.scene.observations.push_back({v, i});
   }
 }
+// A sensor says where the sphere's middle is.
+void with_depth(Setting& s) {
+  for (Photo& p : s.capture.photos.photos) {
+    const size_t pixels = static_cast<size_t>(p.width) * static_cast<size_t>(p.height);
+    p.depth = {p.width, p.height, std::vector<uint16_t>(pixels, 0x4200)};  // 3 as a half float
+  }
+}
 void without_crop(Setting& s) { s.options.recipe.crop_steps = 0; }
 void warmed_up(Setting& s) { s.options.recipe.warmup_rate = 0.1; }
 void annealed(Setting& s) { s.options.recipe.anneal = true; }
@@ -94,6 +101,7 @@ const std::vector<Line>& table() {
       {"final_beta2", {"0.95"}},
       {"huber_delta", {"0.05"}},
       {"distortion", {"0.01"}},
+      {"depth_loss", {"0.5"}, with_depth},
       {"early_samples", {"1"}},
       {"error_guidance", {"0"}},
       {"shared_colour", {"0"}},

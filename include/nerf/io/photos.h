@@ -8,6 +8,7 @@
 
 #include "nerf/base/real.h"
 #include "nerf/base/threads.h"
+#include "nerf/io/depth_map.h"
 #include "nerf/io/scene.h"
 
 namespace nerf {
@@ -18,6 +19,7 @@ struct Photo {
   int channels = 3;                // 3, or 4 with alpha (straight, not premultiplied)
   std::vector<uint8_t> pixels8;    // 8-bit sources
   std::vector<uint16_t> pixels16;  // half floats (bits); exactly one of the two is filled
+  DepthMap depth;                  // empty where the capture has none
   std::vector<uint8_t> mask;       // empty, or width*height: 0 = masked out, 255 = keep
 
   // Straight colour and alpha of pixel (x, y) in [0, 1] (EXR may exceed 1); alpha 1 where absent.
@@ -52,9 +54,10 @@ struct PhotoSet {
   double decode_seconds = 0;
 };
 
-// Decodes every view's photo (and mask) in parallel, downscales by area average (masks: nearest).
-// Throws Error for truncated or corrupt files, photos transposed against their camera and sizes
-// whose ratio disagrees with the camera. `progress` is called from one thread at a time.
+// Decodes every view's photo (and mask and depth map) in parallel, downscales by area average
+// (masks: nearest). Throws Error for truncated or corrupt files, photos transposed against their
+// camera and sizes whose ratio disagrees with the camera. `progress` is called from one thread at a
+// time.
 PhotoSet load_photos(const Scene& scene, ThreadPool& pool,
                      const std::function<void(int done, int total)>& progress = {});
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -20,9 +21,13 @@ struct View {
   std::string name;                  // path below the image folder, as the model names it
   std::filesystem::path image_path;  // file on disk
   std::filesystem::path mask_path;   // empty where there is none
-  int camera = 0;                    // index into Scene::cameras
-  Pose pose;                         // camera-to-world, input coordinates, OpenCV axes
-  double time = 0;                   // [0, 1]; 0 where the capture has no time
+  std::filesystem::path depth_path;  // of a depth map (depth_map.h); empty where there is none
+  std::filesystem::path depth_confidence_path;  // a picture that is 0 where it is not to be trusted
+  double depth_unit = 0;                        // input units of a 1 in the map; 0: not said
+  double depth_reach = std::numeric_limits<double>::infinity();  // beyond it depth is unknown
+  int camera = 0;                                                // index into Scene::cameras
+  Pose pose;            // camera-to-world, input coordinates, OpenCV axes
+  double time = 0;      // [0, 1]; 0 where the capture has no time
   int orientation = 1;  // EXIF's, of the pixels as the trainer reads them; 1: nothing to turn
   int scale = 1;        // the photo is reduced by this (photo_scales.h); a pixel weighs its square
 };

@@ -17,6 +17,17 @@ double distortion_loss(std::span<const Real> edges, std::span<const Real> weight
 double distortion_loss(std::span<const Real> middles, std::span<const Real> widths,
                        std::span<const Real> weights, Real scale, std::span<Real> d_weights);
 
+// How far the light of a ray is from where it should end: sum_i w_i c(m_i) + (1 - sum_i w_i) c(1),
+// where c(m) = max(0, |m - depth| - tolerance); what passes all n intervals counts as at 1. This is
+// the 1-Wasserstein (earth mover's) distance of the distribution of the light to that place, but
+// for the tolerance, kDepthTolerance of the distance d where m = 1 - 1 / (1 + d). Linear in the
+// weights: light is drawn there from both sides, and none may stand before and behind it to be
+// right in the mean. Adds scale times the gradient to d_weights and returns scale times the loss.
+// O(n).
+inline constexpr double kDepthTolerance = 0.01;
+double depth_loss(std::span<const Real> middles, std::span<const Real> weights, Real depth,
+                  Real scale, std::span<Real> d_weights);
+
 // Barron et al. 2022, equation 13: a proposal's weights must bound those of the final histogram
 // from above; the final ones pass no gradient. Adds scale times the gradient with respect to the
 // proposal's weights to d_proposal and returns scale times the loss, summed over the final bins.

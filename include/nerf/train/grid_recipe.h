@@ -16,6 +16,7 @@ struct GridRecipe {
   double final_beta1 = 0.9, final_beta2 = 0.99;
   double huber_delta = 0.5;
   std::optional<double> distortion;  // see distortion_weight()
+  std::optional<double> depth_loss;  // see depth_loss_weight()
   double early_samples = 0.2;        // of the first steps, as a share of samples_per_cell
   double error_guidance = 0.7;       // 0: pixels are drawn uniformly; 1: where the error is
   double shared_colour = 0.125;      // light of a pixel that samples of one colour have together
@@ -42,6 +43,10 @@ struct GridRecipe {
     v("distortion", distortion,
       "weight of the loss that draws the light of a ray together; without it 0.02 where the scene "
       "is unbounded, else 0",
+      at_least(0), at_most(1000));
+    v("depth_loss", depth_loss,
+      "weight, at first, of the loss that draws the light of a ray to where its photo's depth map "
+      "says, where there is one",
       at_least(0), at_most(1000));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "

@@ -111,6 +111,10 @@ Vec3 background_of(const TrainOptions& options, const Scene& scene);
 // options say, or a default by the kind of scene.
 double distortion_weight(const TrainOptions& options, const Scene& scene);
 
+// Weight of the grid method's loss by depth maps (parts/losses.h) at the first step, for a mean
+// over rays; 0 where no training photo has one.
+double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos);
+
 struct StepReport {
   int64_t step = 0;  // steps done
   double loss = 0;   // mean over rays and channels; 0 for rays that meet no matter

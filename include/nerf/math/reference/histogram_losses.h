@@ -35,6 +35,24 @@ T distortion_loss(const std::vector<double>& s, const std::vector<T>& w) {
   return distortion_loss(middles, widths, w);
 }
 
+// sum_i w_i c(m_i) + (1 - sum_i w_i) c(1), c(m) = max(0, |m - depth| - tolerance depth (1 -
+// depth)): how far light is from where a sensor says that it ends.
+template <class T>
+T depth_loss(const std::vector<double>& middles, const std::vector<T>& w, double depth,
+             double tolerance) {
+  const auto cost = [&](double m) {
+    const double apart = m < depth ? depth - m : m - depth;
+    const double beyond = apart - tolerance * depth * (1 - depth);
+    return T(beyond > 0 ? beyond : 0);
+  };
+  T sum(0), left(1);
+  for (size_t i = 0; i < w.size(); ++i) {
+    sum += w[i] * cost(middles[i]);
+    left = left - w[i];
+  }
+  return sum + left * cost(1);
+}
+
 // sum_i max(0, w_i - bound_i)^2 / (w_i + epsilon), bound_i the weight of all proposal bins that
 // overlap bin i (Barron et al. 2022, equation 13); bins that touch at one point overlap where the
 // point is the later one's start.
