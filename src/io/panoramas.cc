@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 
+#include "io/cameras/find_cameras.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/io/image.h"
@@ -120,8 +121,11 @@ fs::path cut_all(const fs::path& photos, const std::vector<std::string>& names,
     check_image_complete(photos / names[i]);
     whole_panorama(photos / names[i]);
     const Image8 image = read_image_8bit(photos / names[i]);
-    for (int k = 0; k < kCutsPerPanorama; ++k)
-      write_cut(staged.path() / cut_name(i, k), cut_panorama(image, k, pool));
+    for (int k = 0; k < kCutsPerPanorama; ++k) {
+      const fs::path file = staged.path() / cut_name(i, k);
+      make_writable_folder(file.parent_path());
+      write_cut(file, k, cut_panorama(image, k, pool));
+    }
     if (progress)
       progress(fmt::format("panoramas: cut {} of {} into {} perspective views", i + 1, names.size(),
                            kCutsPerPanorama));
@@ -146,7 +150,10 @@ void take_points(SceneInput& model, const std::vector<int>& panorama_of_cut, Sce
 
 }  // namespace
 
-std::string cut_name(size_t i, int k) { return fmt::format("{:05}_{}.jpg", i, k); }
+std::string cut_name(size_t i, int k) {
+  // A folder for each lens, as run_colmap_on_photos() takes it.
+  return fmt::format("{}/{:05}_{}.jpg", k < kLevelCuts ? "level" : "poles", i, k);
+}
 
 bool are_panoramas(const fs::path& folder, const std::vector<std::string>& names) {
   if (names.size() < 2) return false;
@@ -172,10 +179,13 @@ SceneInput read_panoramas(const fs::path& photos, const std::vector<std::string>
                     "through perspective views cut from them",
                     names.size()));
   const fs::path cuts = cut_all(photos, names, folders.work, progress, cancel);
-  const std::string model(camera_model_name(CameraModel::kSimplePinhole));
-  return panoramas_of_cuts(
-      read_colmap_scene(run_colmap_on_photos(cuts, folders, model, progress, cancel)), photos,
-      names);
+  CameraSearch search;
+  search.camera_model = camera_model_name(CameraModel::kSimplePinhole);
+  search.lenses_are_known = true;
+  // Of eight cuts some show sky alone, and two give a panorama its place.
+  search.enough_placed = 0.5;
+  return panoramas_of_cuts(read_colmap_scene(find_cameras(cuts, folders, search, progress, cancel)),
+                           photos, names);
 }
 
 SceneInput panoramas_of_cuts(SceneInput cuts, const fs::path& photos,
@@ -184,9 +194,11 @@ SceneInput panoramas_of_cuts(SceneInput cuts, const fs::path& photos,
   for (size_t i = 0; i < names.size(); ++i)
     for (int k = 0; k < kCutsPerPanorama; ++k) cut_of[cut_name(i, k)] = {i, k};
   std::vector<std::vector<PlacedCut>> placed(names.size());
-  for (const View& view : cuts.views) {
-    const auto [i, k] = cut_of.at(view.name);
-    placed[i].push_back({k, view.pose});
+  std::vector<int> points_seen(cuts.views.size());
+  for (const Observation& o : cuts.observations) ++points_seen[static_cast<size_t>(o.image)];
+  for (size_t v = 0; v < cuts.views.size(); ++v) {
+    const auto [i, k] = cut_of.at(cuts.views[v].name);
+    placed[i].push_back({k, cuts.views[v].pose, points_seen[v]});
   }
   SceneInput input;
   std::vector<int> view_of(names.size(), -1);
