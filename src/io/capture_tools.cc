@@ -29,6 +29,9 @@ using internal::ColmapProgram;
 using internal::MappedModel;
 using Progress = std::function<void(const std::string&)>;
 
+// Below this share of what could be placed other settings are tried.
+constexpr double kEnoughPlaced = 0.9;
+
 // What is tried in turn until enough photos are placed; the best result counts.
 struct Attempt {
   const char* folder;  // below the work folder; the same one for the same features and matches
@@ -86,7 +89,10 @@ MappedModel place_photos(const ColmapProgram& colmap, const CapturePhotos& photo
     const MappedModel model =
         try_to_place(attempt, colmap, photos, work_folder, search, progress, cancel);
     if (model.photos > best.photos) best = model;
-    if (static_cast<double>(best.photos) >= search.enough_placed * count) break;
+    if (best.photos == 0) continue;
+    const double share =
+        search.placed ? search.placed(best.folder) : static_cast<double>(best.photos) / count;
+    if (share >= kEnoughPlaced) break;
   }
   return best;
 }

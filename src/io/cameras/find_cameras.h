@@ -13,7 +13,9 @@ namespace nerf::internal {
 struct CameraSearch {
   std::string camera_model;       // see run_colmap_on_photos()
   bool lenses_are_known = false;  // as the photos' EXIF says, exactly: nothing is left to adjust
-  double enough_placed = 0.9;     // below this share of photos other settings are tried
+  // Share of the capture that a model in a folder places, where that is not the share of photos.
+  // Below nine tenths other settings are tried.
+  std::function<double(const std::filesystem::path& model)> placed;
 
   std::string text() const;  // for keys
 };
