@@ -66,8 +66,8 @@ struct RenderStatistics {
 // All images row by row from the top, one value (or three) per pixel.
 struct Frame {
   int width = 0, height = 0;
-  std::vector<Real> rgb;      // 3 per pixel, sRGB, background composited in
-  std::vector<Real> alpha;    // opacity in [0, 1]
+  std::vector<Real> rgb;    // 3 per pixel, sRGB, background composited in
+  std::vector<Real> alpha;  // opacity in [0, 1]
   // Median depth along the optical axis (of panoramas: along the ray), input unit; 0 where nothing.
   std::vector<Real> depth_z;
   RenderStatistics statistics{};
