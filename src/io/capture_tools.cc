@@ -8,6 +8,7 @@
 #include "io/cameras/capture_photos.h"
 #include "io/cameras/colmap_program.h"
 #include "io/cameras/feature_stage.h"
+#include "io/cameras/find_cameras.h"
 #include "io/cameras/mapping_stage.h"
 #include "io/cameras/match_stage.h"
 #include "nerf/base/error.h"
@@ -28,7 +29,7 @@ using internal::ColmapProgram;
 using internal::MappedModel;
 using Progress = std::function<void(const std::string&)>;
 
-// Below this share of placed photos other settings are tried.
+// Below this share of what could be placed other settings are tried.
 constexpr double kEnoughPlaced = 0.9;
 
 // What is tried in turn until enough photos are placed; the best result counts.
@@ -52,11 +53,11 @@ std::vector<Attempt> attempts() {
 // Runs in a folder of its own below the work folder, which keeps what is done when it is stopped.
 MappedModel try_to_place(const Attempt& attempt, const ColmapProgram& colmap,
                          const CapturePhotos& photos, const fs::path& work_folder,
-                         const std::string& camera_model, const Progress& progress,
+                         const internal::CameraSearch& search, const Progress& progress,
                          const Cancel* cancel) {
   const fs::path folder = work_folder / "cameras" / attempt.folder;
   const fs::path database = folder / "database.db", key_file = folder / "photos.key";
-  const std::string key = camera_model + "\n" + attempt.features.text() + "\n" +
+  const std::string key = search.text() + "\n" + attempt.features.text() + "\n" +
                           attempt.pairs.text() + "\n" + photos.key();
   if (!internal::is_file(key_file) || read_text_file(key_file) != key) {
     std::error_code failed;
@@ -66,16 +67,17 @@ MappedModel try_to_place(const Attempt& attempt, const ColmapProgram& colmap,
     write_file_atomically(key_file, key);
   }
   ThreadPool pool;
-  internal::find_features(colmap, photos, database, camera_model, attempt.features, progress);
+  internal::find_features(colmap, photos, database, search.camera_model, attempt.features,
+                          progress);
   internal::match_features(photos, database, attempt.pairs, pool, progress, cancel);
   internal::verify_matches(colmap, database, progress);
   return internal::map_photos(colmap, photos, database,
-                              folder / (attempt.eager ? "eager" : "sparse"), attempt.eager,
-                              progress);
+                              folder / (attempt.eager ? "eager" : "sparse"),
+                              {attempt.eager, search.lenses_are_known}, progress);
 }
 
 MappedModel place_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
-                         const fs::path& work_folder, const std::string& camera_model,
+                         const fs::path& work_folder, const internal::CameraSearch& search,
                          const Progress& progress, const Cancel* cancel) {
   const auto count = static_cast<double>(photos.photos.size());
   MappedModel best;
@@ -85,9 +87,12 @@ MappedModel place_photos(const ColmapProgram& colmap, const CapturePhotos& photo
                            photos.photos.size(), attempt.told));
     }
     const MappedModel model =
-        try_to_place(attempt, colmap, photos, work_folder, camera_model, progress, cancel);
+        try_to_place(attempt, colmap, photos, work_folder, search, progress, cancel);
     if (model.photos > best.photos) best = model;
-    if (static_cast<double>(best.photos) >= kEnoughPlaced * count) break;
+    if (best.photos == 0) continue;
+    const double share =
+        search.placed ? search.placed(best.folder) : static_cast<double>(best.photos) / count;
+    if (share >= kEnoughPlaced) break;
   }
   return best;
 }
@@ -129,10 +134,22 @@ void check_camera_model(const std::string& name) {
 fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& folders,
                               const std::string& camera_model, const Progress& progress,
                               const Cancel* cancel) {
+  internal::CameraSearch search;
+  search.camera_model = camera_model;
+  return internal::find_cameras(images, folders, search, progress, cancel);
+}
+
+std::string internal::CameraSearch::text() const {
+  return lenses_are_known ? camera_model + ", known" : camera_model;
+}
+
+fs::path internal::find_cameras(const fs::path& images, const CaptureFolders& folders,
+                                const CameraSearch& search, const Progress& progress,
+                                const Cancel* cancel) {
   const fs::path& work_folder = folders.work;
   const fs::path result = work_folder / "colmap";
   const CapturePhotos photos = internal::look_at_photos(images, folders);
-  const std::string key = camera_model + "\n" + photos.key();
+  const std::string key = search.text() + "\n" + photos.key();
   if (internal::StagedFolder::is_complete(result, key)) {
     if (progress) progress("colmap: using the model made earlier in " + result.string());
     return result;
@@ -141,11 +158,11 @@ fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& fold
   make_writable_folder(work_folder);
   if (progress) {
     progress(fmt::format("colmap: finding the cameras of {} photos, camera model {}",
-                         photos.photos.size(), camera_model));
+                         photos.photos.size(), search.camera_model));
   }
   MappedModel model;
   try {
-    model = place_photos(colmap, photos, work_folder, camera_model, progress, cancel);
+    model = place_photos(colmap, photos, work_folder, search, progress, cancel);
   } catch (...) {
     remove_what_is_no_use(work_folder);
     throw;

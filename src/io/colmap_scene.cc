@@ -130,8 +130,15 @@ fs::path choose_image_folder(const fs::path& root, const Candidate& model,
           found.begin(), found.end(), [](const FoundImage& f) { return !f.path.empty(); }));
     });
   }
+  // Names may begin with the folder: "images/a.jpg".
+  const auto is_named = [&](const fs::path& folder) {
+    return std::ranges::any_of(names, [&](const std::string& name) {
+      return name.starts_with(folder.filename().string() + "/");
+    });
+  };
   for (const fs::path& folder : folders)
-    if (folder != root && folder != chosen && folder.parent_path() == root)
+    if (folder != root && folder != chosen && folder.parent_path() == root &&
+        !(chosen == root && is_named(folder)))
       input.ignored.push_back(folder.filename().string() + "/");
   if (!chosen.empty()) return chosen;
   throw Error(fmt::format("none of the model's {} images was found", names.size()), root.string(),

@@ -3,6 +3,7 @@
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -13,10 +14,11 @@
 namespace nerf::internal {
 namespace {
 
-constexpr int kFilmFocal = 17;                                     // mm, of a film 35 mm wide
-constexpr int kLeastSide = 256;                                    // smaller ones hold no features
-constexpr double kAgree = 2 * std::numbers::pi / 180;              // between two cuts' rotations
-constexpr double kTurn = 2 * std::numbers::pi / kCutsPerPanorama;  // from cut to cut
+constexpr int kLevelFocal = 17, kPoleFocal = 9;        // mm of film: 92 and 126 degrees across
+constexpr int kLeastSide = 320;                        // smaller ones hold few features
+constexpr double kAgree = 2 * std::numbers::pi / 180;  // between two cuts' rotations
+constexpr double kTurn = 2 * std::numbers::pi / kLevelCuts;  // from cut to cut
+constexpr int kPointsOfOne = 60;  // so many are not seen together by chance
 
 double angle_between(const Mat3d& a, const Mat3d& b) {
   double trace = 0;
@@ -30,49 +32,68 @@ double median(std::vector<double> values) {
   return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
 }
 
-// Bilinear; round the seam, and no further than the poles.
+// Weights of the samples at -1, 0, 1 and 2 for a place t in [0, 1): Catmull and Rom's cubic, which
+// keeps what is linear, and detail better than linear interpolation where a picture is enlarged.
+std::array<double, 4> cubic(double t) {
+  return {0.5 * t * (-1 + t * (2 - t)), 0.5 * (2 + t * t * (-5 + 3 * t)),
+          0.5 * t * (1 + t * (4 - 3 * t)), 0.5 * t * t * (-1 + t)};
+}
+
+// Round the seam, and no further than the poles.
 void sample(const Image8& image, const Vec2d& at, uint8_t* out) {
-  const double x = at.x - 0.5, y = std::clamp(at.y - 0.5, 0.0, image.height - 1.0);
-  const int x0 = static_cast<int>(std::floor(x)), y0 = static_cast<int>(y);
-  const double fx = x - x0, fy = y - y0;
-  const auto pixel = [&](int u, int v) {
-    u = (u + image.width) % image.width;
-    v = std::min(v, image.height - 1);
-    return image.pixels.data() +
-           (static_cast<size_t>(v) * static_cast<size_t>(image.width) + static_cast<size_t>(u)) *
-               static_cast<size_t>(image.channels);
-  };
-  const uint8_t *a = pixel(x0, y0), *b = pixel(x0 + 1, y0);
-  const uint8_t *c = pixel(x0, y0 + 1), *d = pixel(x0 + 1, y0 + 1);
-  for (int i = 0; i < image.channels; ++i)
-    out[i] = static_cast<uint8_t>(std::lround(std::lerp(
-        std::lerp(1.0 * a[i], 1.0 * b[i], fx), std::lerp(1.0 * c[i], 1.0 * d[i], fx), fy)));
+  const double x = at.x - 0.5, y = at.y - 0.5;
+  const int x0 = static_cast<int>(std::floor(x)), y0 = static_cast<int>(std::floor(y));
+  const std::array<double, 4> wx = cubic(x - x0), wy = cubic(y - y0);
+  std::array<double, 4> sum{};
+  for (int j = 0; j < 4; ++j) {
+    const int v = std::clamp(y0 + j - 1, 0, image.height - 1);
+    for (int i = 0; i < 4; ++i) {
+      const int u = (x0 + i - 1 + image.width) % image.width;
+      const uint8_t* pixel =
+          image.pixels.data() +
+          (static_cast<size_t>(v) * static_cast<size_t>(image.width) + static_cast<size_t>(u)) *
+              static_cast<size_t>(image.channels);
+      const double weight = wx[static_cast<size_t>(i)] * wy[static_cast<size_t>(j)];
+      for (int c = 0; c < image.channels; ++c) sum[static_cast<size_t>(c)] += weight * pixel[c];
+    }
+  }
+  for (int c = 0; c < image.channels; ++c)
+    out[c] = static_cast<uint8_t>(std::lround(std::clamp(sum[static_cast<size_t>(c)], 0.0, 255.0)));
 }
 
 }  // namespace
 
 Mat3d cut_rotation(int k) {
-  const double turn = kTurn * k, c = std::cos(turn), s = std::sin(turn);
   Mat3d r;
+  if (k >= kLevelCuts) {
+    const double down = k == kLevelCuts ? 1 : -1;  // y points down
+    r.set_column(0, {1, 0, 0});
+    r.set_column(1, {0, 0, -down});
+    r.set_column(2, {0, down, 0});
+    return r;
+  }
+  const double turn = kTurn * k, c = std::cos(turn), s = std::sin(turn);
   r.set_column(0, {c, 0, -s});
   r.set_column(1, {0, 1, 0});
   r.set_column(2, {s, 0, c});
   return r;
 }
 
-Camera cut_camera(int panorama_width) {
+int cut_film_focal(int k) { return k < kLevelCuts ? kLevelFocal : kPoleFocal; }
+
+Camera cut_camera(int panorama_width, int k) {
   const double per_radian = panorama_width / (2 * std::numbers::pi);
-  const int side =
-      std::max(kLeastSide, static_cast<int>(std::lround(per_radian * 35 / kFilmFocal)));
+  const int focal = cut_film_focal(k);
+  const int side = std::max(kLeastSide, static_cast<int>(std::lround(per_radian * 35 / focal)));
   Camera camera;
   camera.model = CameraModel::kSimplePinhole;
   camera.width = camera.height = side;
-  camera.params = {side * double{kFilmFocal} / 35, 0.5 * side, 0.5 * side};
+  camera.params = {side * double(focal) / 35, 0.5 * side, 0.5 * side};
   return camera;
 }
 
 Image8 cut_panorama(const Image8& image, int k, ThreadPool& pool) {
-  const Camera around = panorama(image.width, image.height), camera = cut_camera(image.width);
+  const Camera around = panorama(image.width, image.height), camera = cut_camera(image.width, k);
   const Mat3d rotation = cut_rotation(k);
   Image8 cut{camera.width, camera.height, image.channels, {}};
   const size_t row = static_cast<size_t>(cut.width) * static_cast<size_t>(cut.channels);
@@ -87,10 +108,10 @@ Image8 cut_panorama(const Image8& image, int k, ThreadPool& pool) {
   return cut;
 }
 
-void write_cut(const std::filesystem::path& path, const Image8& cut) {
+void write_cut(const std::filesystem::path& path, int k, const Image8& cut) {
   OIIO::ImageSpec spec(cut.width, cut.height, std::min(cut.channels, 3), OIIO::TypeDesc::UINT8);
   spec.attribute("Compression", "jpeg:95");
-  spec.attribute("Exif:FocalLengthIn35mmFilm", kFilmFocal);
+  spec.attribute("Exif:FocalLengthIn35mmFilm", cut_film_focal(k));
   const auto out = OIIO::ImageOutput::create(path.string());
   if (!out || !out->open(path.string(), spec) ||
       !out->write_image(OIIO::TypeDesc::UINT8, cut.pixels.data(), cut.channels) || !out->close())
@@ -110,8 +131,9 @@ std::optional<Pose> pose_from_cuts(std::span<const PlacedCut> cuts) {
   std::vector<size_t> most;
   for (size_t i = 0; i < cuts.size(); ++i)
     if (auto with = agreeing(i); with.size() > most.size()) most = std::move(with);
-  // One cut alone may be wrong, and its picture would be all around.
-  if (most.size() < 2 || 2 * most.size() <= cuts.size()) return std::nullopt;
+  // One cut alone that sees little may be wrong, and its picture would be all around.
+  if (cuts.empty() || 2 * most.size() <= cuts.size()) return std::nullopt;
+  if (most.size() < 2 && cuts[most[0]].points < kPointsOfOne) return std::nullopt;
 
   Pose pose;
   pose.rotation = {};

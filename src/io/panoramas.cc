@@ -8,6 +8,8 @@
 #include <map>
 #include <set>
 
+#include "colmap.h"
+#include "io/cameras/find_cameras.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/io/image.h"
@@ -120,14 +122,49 @@ fs::path cut_all(const fs::path& photos, const std::vector<std::string>& names,
     check_image_complete(photos / names[i]);
     whole_panorama(photos / names[i]);
     const Image8 image = read_image_8bit(photos / names[i]);
-    for (int k = 0; k < kCutsPerPanorama; ++k)
-      write_cut(staged.path() / cut_name(i, k), cut_panorama(image, k, pool));
+    for (int k = 0; k < kCutsPerPanorama; ++k) {
+      const fs::path file = staged.path() / cut_name(i, k);
+      make_writable_folder(file.parent_path());
+      write_cut(file, k, cut_panorama(image, k, pool));
+    }
     if (progress)
       progress(fmt::format("panoramas: cut {} of {} into {} perspective views", i + 1, names.size(),
                            kCutsPerPanorama));
   }
   staged.commit(key);
   return result;
+}
+
+struct CutId {
+  size_t panorama;
+  int cut;
+};
+
+std::map<std::string, CutId> cuts_by_name(size_t panoramas) {
+  std::map<std::string, CutId> out;
+  for (size_t i = 0; i < panoramas; ++i)
+    for (int k = 0; k < kCutsPerPanorama; ++k) out[cut_name(i, k)] = {i, k};
+  return out;
+}
+
+struct PlacedView {
+  std::string name;
+  Pose pose;
+};
+
+// [panoramas]; observations are by the views' indices.
+std::vector<std::vector<PlacedCut>> cuts_by_panorama(const std::vector<PlacedView>& views,
+                                                     const std::vector<Observation>& observations,
+                                                     size_t panoramas) {
+  const std::map<std::string, CutId> cut_of = cuts_by_name(panoramas);
+  std::vector<int> points_seen(views.size());
+  for (const Observation& o : observations) ++points_seen[static_cast<size_t>(o.image)];
+  std::vector<std::vector<PlacedCut>> out(panoramas);
+  for (size_t v = 0; v < views.size(); ++v) {
+    const CutId id = cut_of.at(views[v].name);
+    out[id.panorama].push_back({id.cut, views[v].pose, points_seen[v]});
+  }
+  return out;
 }
 
 // The points that the model of the cuts has, seen by the panoramas instead.
@@ -146,7 +183,10 @@ void take_points(SceneInput& model, const std::vector<int>& panorama_of_cut, Sce
 
 }  // namespace
 
-std::string cut_name(size_t i, int k) { return fmt::format("{:05}_{}.jpg", i, k); }
+std::string cut_name(size_t i, int k) {
+  // A folder for each lens, as run_colmap_on_photos() takes it.
+  return fmt::format("{}/{:05}_{}.jpg", k < kLevelCuts ? "level" : "poles", i, k);
+}
 
 bool are_panoramas(const fs::path& folder, const std::vector<std::string>& names) {
   if (names.size() < 2) return false;
@@ -172,22 +212,29 @@ SceneInput read_panoramas(const fs::path& photos, const std::vector<std::string>
                     "through perspective views cut from them",
                     names.size()));
   const fs::path cuts = cut_all(photos, names, folders.work, progress, cancel);
-  const std::string model(camera_model_name(CameraModel::kSimplePinhole));
-  return panoramas_of_cuts(
-      read_colmap_scene(run_colmap_on_photos(cuts, folders, model, progress, cancel)), photos,
-      names);
+  CameraSearch search;
+  search.camera_model = camera_model_name(CameraModel::kSimplePinhole);
+  search.lenses_are_known = true;
+  // Panoramas count, not cuts, of which some show sky alone.
+  search.placed = [&](const fs::path& folder) {
+    const ColmapModel model = read_colmap_model(folder);
+    std::vector<PlacedView> views;
+    for (const ColmapImage& image : model.images) views.push_back({image.name, image.pose});
+    const auto placed = cuts_by_panorama(views, model.observations, names.size());
+    const auto count = std::ranges::count_if(
+        placed, [](const auto& cuts) { return pose_from_cuts(cuts).has_value(); });
+    return static_cast<double>(count) / static_cast<double>(names.size());
+  };
+  return panoramas_of_cuts(read_colmap_scene(find_cameras(cuts, folders, search, progress, cancel)),
+                           photos, names);
 }
 
 SceneInput panoramas_of_cuts(SceneInput cuts, const fs::path& photos,
                              const std::vector<std::string>& names) {
-  std::map<std::string, std::pair<size_t, int>> cut_of;  // by its file's name
-  for (size_t i = 0; i < names.size(); ++i)
-    for (int k = 0; k < kCutsPerPanorama; ++k) cut_of[cut_name(i, k)] = {i, k};
-  std::vector<std::vector<PlacedCut>> placed(names.size());
-  for (const View& view : cuts.views) {
-    const auto [i, k] = cut_of.at(view.name);
-    placed[i].push_back({k, view.pose});
-  }
+  const std::map<std::string, CutId> cut_of = cuts_by_name(names.size());
+  std::vector<PlacedView> views;
+  for (const View& view : cuts.views) views.push_back({view.name, view.pose});
+  const auto placed = cuts_by_panorama(views, cuts.observations, names.size());
   SceneInput input;
   std::vector<int> view_of(names.size(), -1);
   std::vector<std::string> lost;
@@ -213,7 +260,7 @@ SceneInput panoramas_of_cuts(SceneInput cuts, const fs::path& photos,
                                          lost_count > kNamesShown ? ", ..." : ""));
   std::vector<int> panorama_of_cut;
   for (const View& view : cuts.views)
-    panorama_of_cut.push_back(view_of[cut_of.at(view.name).first]);
+    panorama_of_cut.push_back(view_of[cut_of.at(view.name).panorama]);
   take_points(cuts, panorama_of_cut, input);
   input.image_folder = photos;
   input.images_total = static_cast<int>(names.size());

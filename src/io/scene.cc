@@ -142,7 +142,7 @@ double mean_error(const std::vector<ScenePoint>& points) {
 
 }  // namespace
 
-Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
+Scene load_scene(const std::filesystem::path& given, const SceneOptions& options,
                  const std::function<void(const std::string&)>& progress, const Cancel* cancel) {
   if (options.downscale < 1) {
     throw Error(fmt::format("--downscale {} makes no sense", options.downscale), "",
@@ -150,6 +150,8 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   }
   Scene scene;
   scene.options = options;
+  const std::filesystem::path path =
+      options.format == SceneFormat::kAuto ? internal::unwrapped(given, options.run_folder) : given;
   const SceneFormat format =
       options.format == SceneFormat::kAuto ? internal::detect_format(path) : options.format;
   scene.options.format = format;
@@ -163,6 +165,7 @@ Scene load_scene(const std::filesystem::path& path, const SceneOptions& options,
   report.warnings = std::move(input.warnings);
 
   report.notes = std::move(input.notes);
+  if (path != given) report.notes.insert(report.notes.begin(), "the scene is in " + path.string());
 
   internal::resolve_images(input, options.downscale, report, &scene.alpha);
   scene.cut_out =

@@ -88,6 +88,34 @@ bool has_format(const fs::path& path, SceneFormat format) {
   return false;
 }
 
+// With cameras, which are found at their places alone.
+bool has_cameras(const fs::path& path) {
+  return std::ranges::any_of(kOrder, [&](SceneFormat format) {
+    return format != SceneFormat::kPhotos && format != SceneFormat::kVideo &&
+           has_format(path, format);
+  });
+}
+
+// The only thing that a person sees in the folder, where that is a folder; else empty.
+fs::path only_folder_in(const fs::path& folder, const fs::path& own) {
+  const auto counts = [&](const fs::path& entry) {
+    const std::string name = entry.filename().string();
+    if (name.starts_with(".") || name == "__MACOSX" || name == "desktop.ini" || name == "runs")
+      return false;
+    std::error_code ignored;
+    return own.empty() || !fs::equivalent(entry, own, ignored);
+  };
+  fs::path only;
+  std::error_code problem;
+  for (fs::directory_iterator it(folder, problem), end; !problem && it != end;
+       it.increment(problem)) {
+    if (!counts(it->path())) continue;
+    if (!only.empty() || !is_folder(it->path())) return {};
+    only = it->path();
+  }
+  return problem ? fs::path() : only;
+}
+
 const char* what_is_wanted(SceneFormat format) {
   switch (format) {
     case SceneFormat::kBlender:
@@ -142,6 +170,20 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
 }
 
 }  // namespace
+
+fs::path unwrapped(const fs::path& path, const fs::path& own) {
+  constexpr int kDeepest = 3;
+  fs::path folder = path;
+  for (int depth = 0; depth <= kDeepest && is_folder(folder); ++depth) {
+    if (has_cameras(folder)) return folder;
+    folder = only_folder_in(folder, own);
+    // Photos alone are found one folder down as they are; deeper they are to be looked for.
+    if (has_format(folder, SceneFormat::kPhotos) && !has_format(path, SceneFormat::kPhotos) &&
+        !has_cameras(folder))
+      return folder;
+  }
+  return path;
+}
 
 SceneFormat detect_format(const fs::path& path) {
   for (const SceneFormat format : kOrder)

@@ -15,6 +15,12 @@ namespace nerf::internal {
 // none.
 SceneFormat detect_format(const std::filesystem::path& path);
 
+// `path`, or the folder in it that holds the scene where it holds nothing else, as archives that
+// are unpacked into a folder of their own leave it. `own` is the run's folder, which does not
+// count.
+std::filesystem::path unwrapped(const std::filesystem::path& path,
+                                const std::filesystem::path& own);
+
 // What else lies in the folder `path`, whose scene is read as `used`.
 std::vector<std::string> inputs_beside(const std::filesystem::path& path, SceneFormat used);
 

@@ -184,6 +184,12 @@ std::vector<std::string> list_images(const fs::path& folder) {
   fs::recursive_directory_iterator it(folder, fs::directory_options::skip_permission_denied,
                                       problem);
   for (const fs::recursive_directory_iterator end; !problem && it != end; it.increment(problem)) {
+    // Small copies of the photos that file managers (.thumbnails) and Synology's disks keep.
+    const std::string name = it->path().filename().string();
+    if ((name.starts_with(".") || name == "@eaDir") && is_folder(it->path())) {
+      it.disable_recursion_pending();
+      continue;
+    }
     if (is_file(it->path()) && is_image_file(it->path())) {
       names.push_back(clean_image_name(it->path().lexically_relative(folder).generic_string()));
     }

@@ -92,19 +92,21 @@ TEST(PanoramaCuts, ShowWhatTheirRaysSee) {
         image.pixels.push_back(
             static_cast<uint8_t>(std::lround(255 * sphere_pixel(around, x, y, c))));
   ThreadPool pool(2);
-  const Camera camera = cut_camera(1024);
-  // As sharp in the middle as the panorama, and 17 / 35 of the side is what EXIF will say.
-  EXPECT_NEAR(camera.fx(), around.fx(), 0.5);
-  EXPECT_DOUBLE_EQ(camera.fx(), 17.0 / 35 * camera.width);
   for (int k = 0; k < kCutsPerPanorama; ++k) {
+    const Camera camera = cut_camera(1024, k);
+    // As sharp in the middle as the panorama, and this share of the side is what EXIF will say.
+    EXPECT_NEAR(camera.fx(), around.fx(), 0.5);
+    EXPECT_DOUBLE_EQ(camera.fx(), cut_film_focal(k) / 35.0 * camera.width);
     const Image8 cut = cut_panorama(image, k, pool);
     ASSERT_EQ(cut.width, camera.width);
-    const double turn = 2 * std::numbers::pi * k / kCutsPerPanorama;
+    const double turn = 2 * std::numbers::pi * k / kLevelCuts;
     for (int y = 0; y < cut.height; y += 9)
       for (int x = 0; x < cut.width; x += 7) {
         const Vec3d d = normalized(*unproject(camera, {x + 0.5, y + 0.5}));
-        const Vec3d seen{std::cos(turn) * d.x + std::sin(turn) * d.z, d.y,
-                         -std::sin(turn) * d.x + std::cos(turn) * d.z};
+        const Vec3d seen = k == 6   ? Vec3d{d.x, d.z, -d.y}  // down, y points there
+                           : k == 7 ? Vec3d{d.x, -d.z, d.y}
+                                    : Vec3d{std::cos(turn) * d.x + std::sin(turn) * d.z, d.y,
+                                            -std::sin(turn) * d.x + std::cos(turn) * d.z};
         for (int c = 0; c < 3; ++c)
           ASSERT_NEAR(cut.pixels[static_cast<size_t>(3 * (y * cut.width + x) + c)],
                       255 * sky(seen, c), 1.6)
@@ -113,13 +115,36 @@ TEST(PanoramaCuts, ShowWhatTheirRaysSee) {
   }
 }
 
+// What is linear stays so, small pictures are enlarged, and no overshoot wraps round.
+TEST(PanoramaCuts, SmallPanoramasAreEnlarged) {
+  Image8 image{64, 32, 1, {}};
+  for (int y = 0; y < 32; ++y)
+    for (int x = 0; x < 64; ++x) image.pixels.push_back(x < 32 ? 0 : 255);
+  ThreadPool pool(1);
+  const Image8 cut = cut_panorama(image, 0, pool);
+  ASSERT_EQ(cut.width, 320);
+  // Half-way between two samples Catmull and Rom's cubic rises by 5/4 of their difference.
+  const double pixels_per_pixel = cut_camera(64, 0).fx() / panorama(64, 32).fx();
+  const double slope = 1.25 * 255 / pixels_per_pixel;
+  for (int x = 0; x < 320; ++x) {
+    const int value = cut.pixels[static_cast<size_t>(320 * 160 + x)];
+    if (x < 120 || x >= 200) {
+      EXPECT_EQ(value, x < 160 ? 0 : 255) << x;
+    } else if (x >= 155 && x < 165) {
+      EXPECT_NEAR(value, 128 + (x + 0.5 - 160) * slope, 12) << x;
+    }
+  }
+}
+
 TEST(PanoramaCuts, FilesSayTheirFocalLength) {
   const TempFolder folder;
-  write_cut(folder / "cut.jpg", {64, 64, 3, std::vector<uint8_t>(3 * 64 * 64, 90)});
-  const auto in = OIIO::ImageInput::open((folder / "cut.jpg").string());
-  ASSERT_TRUE(in);
-  EXPECT_EQ(in->spec().get_int_attribute("Exif:FocalLengthIn35mmFilm"), 17);
-  EXPECT_FALSE(error_of([&] { write_cut(folder / "none" / "cut.jpg", {8, 8, 3, {}}); }).empty());
+  for (const auto& [k, focal] : {std::pair{3, 17}, {6, 9}, {7, 9}}) {
+    write_cut(folder / "cut.jpg", k, {64, 64, 3, std::vector<uint8_t>(3 * 64 * 64, 90)});
+    const auto in = OIIO::ImageInput::open((folder / "cut.jpg").string());
+    ASSERT_TRUE(in);
+    EXPECT_EQ(in->spec().get_int_attribute("Exif:FocalLengthIn35mmFilm"), focal);
+  }
+  EXPECT_FALSE(error_of([&] { write_cut(folder / "none" / "cut.jpg", 0, {8, 8, 3, {}}); }).empty());
 }
 
 Mat3d small_turn(double radians) {
@@ -149,6 +174,11 @@ TEST(PoseFromCuts, IsTheOneThatMostAgreeOn) {
   ASSERT_TRUE(pose_from_cuts(two));
   EXPECT_LT(length(pose_from_cuts(two)->rotation.column(0) - kPose.rotation.column(0)), 1e-12);
   EXPECT_FALSE(pose_from_cuts(one));  // nothing says that it is right
+  std::vector<PlacedCut> sees_much = one;
+  sees_much[0].points = 100;
+  ASSERT_TRUE(pose_from_cuts(sees_much));
+  EXPECT_LT(length(pose_from_cuts(sees_much)->rotation.column(2) - kPose.rotation.column(2)),
+            1e-12);
 }
 
 TEST(PoseFromCuts, IsNoneWhereCutsDisagree) {

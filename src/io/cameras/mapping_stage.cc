@@ -44,7 +44,13 @@ void clear_folder(const fs::path& folder) {
   make_writable_folder(folder);
 }
 
-ColmapProgram::Settings mapper_settings(int64_t count, bool eager) {
+ColmapProgram::Settings fixed_lenses(const std::string& before) {
+  return {{before + "focal_length", "0"},
+          {before + "principal_point", "0"},
+          {before + "extra_params", "0"}};
+}
+
+ColmapProgram::Settings mapper_settings(int64_t count, const MapSettings& map) {
   ColmapProgram::Settings settings{
       {"num_threads", std::to_string(available_processors())},
       {"min_model_size", std::to_string(std::clamp<int64_t>(count / 2, 2, 10))},
@@ -54,7 +60,11 @@ ColmapProgram::Settings mapper_settings(int64_t count, bool eager) {
       {"ba_global_images_ratio", "1.2"},
       {"ba_global_frames_ratio", "1.2"},
       {"ba_global_points_ratio", "1.2"}};
-  if (eager) {
+  if (map.lenses_are_known) {
+    const ColmapProgram::Settings fixed = fixed_lenses("ba_refine_");
+    settings.insert(settings.end(), fixed.begin(), fixed.end());
+  }
+  if (map.eager) {
     settings.insert(settings.end(), {{"init_min_num_inliers", "50"},
                                      {"init_min_tri_angle", "8"},
                                      {"abs_pose_min_num_inliers", "15"},
@@ -66,7 +76,7 @@ ColmapProgram::Settings mapper_settings(int64_t count, bool eager) {
 
 // The model that holds both, where colmap finds enough photos that they share; else none.
 MappedModel merged(const ColmapProgram& colmap, const MappedModel& a, const MappedModel& b,
-                   const fs::path& folder) {
+                   const fs::path& folder, const MapSettings& map) {
   try {
     make_writable_folder(folder / "joined");
     colmap.run("model_merger",
@@ -78,7 +88,8 @@ MappedModel merged(const ColmapProgram& colmap, const MappedModel& a, const Mapp
     colmap.run("bundle_adjuster",
                {"--input_path", (folder / "joined").string(), "--output_path",
                 (folder / "adjusted").string()},
-               {}, [](std::string_view) {});
+               map.lenses_are_known ? fixed_lenses("refine_") : ColmapProgram::Settings(),
+               [](std::string_view) {});
   } catch (const Error&) {
     return {};  // they do not join
   }
@@ -87,11 +98,12 @@ MappedModel merged(const ColmapProgram& colmap, const MappedModel& a, const Mapp
 
 // Joins what can be joined with the largest.
 MappedModel largest_of(const ColmapProgram& colmap, std::vector<MappedModel> models,
-                       const fs::path& folder, const Tell& tell) {
+                       const fs::path& folder, const MapSettings& map, const Tell& tell) {
   if (models.empty()) return {};
   MappedModel best = models.front();
   for (size_t i = 1; i < models.size(); ++i) {
-    const MappedModel joined = merged(colmap, best, models[i], folder / fmt::format("join_{}", i));
+    const MappedModel joined =
+        merged(colmap, best, models[i], folder / fmt::format("join_{}", i), map);
     if (joined.photos > best.photos) {
       if (tell)
         tell(fmt::format("colmap: joined parts of {} and {} photos to one of {}", best.photos,
@@ -110,7 +122,7 @@ MappedModel largest_of(const ColmapProgram& colmap, std::vector<MappedModel> mod
 }  // namespace
 
 MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
-                       const fs::path& database, const fs::path& folder, bool eager,
+                       const fs::path& database, const fs::path& folder, const MapSettings& map,
                        const Tell& tell) {
   const auto count = static_cast<int64_t>(photos.photos.size());
   const auto run = [&](const char* mapper) {
@@ -123,7 +135,7 @@ MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
       colmap.run(mapper,
                  {"--database_path", database.string(), "--image_path", photos.folder.string(),
                   "--output_path", folder.string()},
-                 mapper_settings(count, eager), [&](std::string_view line) {
+                 mapper_settings(count, map), [&](std::string_view line) {
                    found_none |= line.find("failed to create sparse model") != line.npos;
                    // "Registering image #7 (12)"; newer versions add more behind the 12
                    const std::string_view placed =
@@ -138,7 +150,7 @@ MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
     return models_in(folder);
   };
   std::vector<MappedModel> models;
-  if (count >= kManyPhotos && !eager && colmap.has_command("global_mapper")) {
+  if (count >= kManyPhotos && !map.eager && colmap.has_command("global_mapper")) {
     if (tell) tell("colmap: placing all photos at once");
     try {
       models = run("global_mapper");
@@ -146,7 +158,7 @@ MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
     }
   }
   if (models.empty()) models = run("mapper");
-  return largest_of(colmap, std::move(models), folder, tell);
+  return largest_of(colmap, std::move(models), folder, map, tell);
 }
 
 }  // namespace nerf::internal

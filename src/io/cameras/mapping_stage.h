@@ -17,11 +17,17 @@ struct MappedModel {
   int64_t photos = 0;
 };
 
-// `eager`: weaker pairs of photos will do, where nothing was found with COLMAP's own thresholds.
+struct MapSettings {
+  // Weaker pairs of photos will do, where nothing was found with COLMAP's own thresholds.
+  bool eager = false;
+  // Cameras in the database are right as they are.
+  bool lenses_are_known = false;
+};
+
 // Models go to folders below `folder`, which is emptied first; where there are several that do not
 // join, the largest counts, and a line says what it leaves out.
 MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
                        const std::filesystem::path& database, const std::filesystem::path& folder,
-                       bool eager, const Tell& tell);
+                       const MapSettings& map, const Tell& tell);
 
 }  // namespace nerf::internal

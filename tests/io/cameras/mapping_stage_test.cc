@@ -22,7 +22,12 @@ if [ "$1" = help ]; then
   for command in $STANDIN_COMMANDS; do echo "    $command"; done
   exit 0
 fi
-[ "$2" = -h ] || echo "$1" >> "$STANDIN_LOG"
+if [ "$2" = -h ]; then
+  echo "  --Mapper.ba_refine_focal_length arg (=1)"
+  exit 0
+fi
+echo "$1" >> "$STANDIN_LOG"
+echo "$*" > "$STANDIN_LOG.last"
 )sh";
 
 class MappingStage : public ::testing::Test {
@@ -40,13 +45,13 @@ class MappingStage : public ::testing::Test {
     ::unsetenv("STANDIN_LOG");
     ::unsetenv("STANDIN_COMMANDS");
   }
-  std::string mapper_for(size_t photos, const char* commands, bool eager = false) {
+  std::string mapper_for(size_t photos, const char* commands, const MapSettings& map = {}) {
     ::setenv("STANDIN_COMMANDS", commands, 1);
     std::error_code ignored;
     fs::remove(folder_ / "log", ignored);
     const CapturePhotos capture{folder_.path(), std::vector<CapturePhoto>(photos)};
     const MappedModel model = map_photos(ColmapProgram(nullptr), capture, folder_ / "database.db",
-                                         folder_ / "sparse", eager, {});
+                                         folder_ / "sparse", map, {});
     EXPECT_EQ(model.photos, 0);  // it writes none
     return read_text_file(folder_ / "log");
   }
@@ -61,7 +66,15 @@ TEST_F(MappingStage, ManyPhotosGoToTheGlobalMapperWhereThereIsOne) {
   EXPECT_EQ(mapper_for(500, "mapper"), "mapper\n");
   EXPECT_EQ(mapper_for(500, "mapper hierarchical_global_mapper global_mapper_2"), "mapper\n");
   EXPECT_EQ(mapper_for(50, "mapper global_mapper"), "mapper\n");
-  EXPECT_EQ(mapper_for(500, "mapper global_mapper", true), "mapper\n");
+  EXPECT_EQ(mapper_for(500, "mapper global_mapper", {.eager = true}), "mapper\n");
+}
+
+TEST_F(MappingStage, KnownLensesAreNotAdjusted) {
+  const auto last = [&] { return read_text_file(folder_ / "log.last"); };
+  mapper_for(20, "mapper");
+  EXPECT_EQ(last().find("ba_refine"), std::string::npos) << last();
+  mapper_for(20, "mapper", {.lenses_are_known = true});
+  EXPECT_NE(last().find("--Mapper.ba_refine_focal_length 0"), std::string::npos) << last();
 }
 
 }  // namespace
