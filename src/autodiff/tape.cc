@@ -111,8 +111,7 @@ int64_t Chunk::count(Value v) const {
 // Rows an even number of cache lines apart would share a few of a cache's sets, where those of one
 // strip of samples drive each other out.
 Tape::Tape(int sample_capacity, int ray_capacity)
-    : samples_(static_cast<int>((round_up(sample_capacity, kLane) / kLane | 1) * kLane)),
-      rays_(static_cast<int>(round_up(ray_capacity, kLane))) {}
+    : samples_(sample_stride(sample_capacity)), rays_(ray_stride(ray_capacity)) {}
 
 Value Tape::input(int rows, Domain domain, bool gradient) {
   values_.push_back({rows, domain, gradient});

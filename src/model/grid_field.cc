@@ -96,11 +96,9 @@ std::vector<LinearWeights> GridField::layers() const {
 }
 
 void GridField::initialise(uint64_t seed) {
-  // The first numbers of a key; those of training steps have the highest bit clear.
-  constexpr uint64_t kTableStream = uint64_t{1} << 63, kNetworkStream = kTableStream + 1;
   const size_t features = static_cast<size_t>(shape.features_per_entry());
   for (uint64_t r = 0; r < shape.rows; ++r) {
-    Random random(seed, kTableStream, r);
+    Random random(seed, random_key(RandomStream::kFirstTable), r);
     for (size_t i = r * features; i < (r + 1) * features; ++i) {
       const Real feature = 1e-4_r * (2 * random.uniform() - 1);
       if (table.size() > 0)
@@ -113,7 +111,8 @@ void GridField::initialise(uint64_t seed) {
   uint64_t layer = 0;
   for (const auto* layers : {&density_layers, &colour_layers})
     for (const LinearWeights& w : *layers)
-      xavier_uniform(w, Random(seed, kNetworkStream, layer++), weights.data());
+      xavier_uniform(w, Random(seed, random_key(RandomStream::kFirstNetworks), layer++),
+                     weights.data());
 }
 
 GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& losses) {

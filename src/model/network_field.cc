@@ -192,17 +192,16 @@ std::vector<LinearWeights> NetworkField::layers() const {
 }
 
 void NetworkField::initialise(uint64_t seed) {
-  constexpr uint64_t kNetworkStream = (uint64_t{1} << 63) + 1;  // as GridField's
+  constexpr uint64_t kStream = random_key(RandomStream::kFirstNetworks);
   std::fill(weights.begin(), weights.end(), 0.0_r);
   uint64_t layer = 0;
   for (const RadianceNetwork& n : networks)
     each_layer(n, [&](const LinearWeights& w) {
-      uniform_weights(w, options.initialisation, Random(seed, kNetworkStream, layer++),
-                      weights.data());
+      uniform_weights(w, options.initialisation, Random(seed, kStream, layer++), weights.data());
     });
   // Of variance 1 / image_code, as the authors' embeddings begin (flax.linen.Embed).
   const LinearWeights& c = codes();
-  Random random(seed, kNetworkStream, layer++);
+  Random random(seed, kStream, layer++);
   for (int j = 0; j < c.out; ++j)
     for (int k = 0; k < c.in; ++k)
       weights[c.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(c.in)) +

@@ -49,10 +49,27 @@ class NetworkQuery final : public FieldQuery {
 
   // Of a density in the cube of normalised device coordinates per unit of the engine.
   double per_unit(const FieldPoints& points, size_t at) const {
+    return per_unit(points, at, points.positions[at]);
+  }
+  double per_unit(const FieldPoints& points, size_t at, const Vec3d& p) const {
     if (field_.options.space != Space::kNdc) return 1;
     const Vec3d forward = field_.ndc.reference.rotation.column(2);
-    return ndc_stretch(field_.ndc, points.positions[at],
-                       points.directions.empty() ? forward : points.directions[at]);
+    return ndc_stretch(field_.ndc, p, points.directions.empty() ? forward : points.directions[at]);
+  }
+  // Its derivative by the position, from differences in double.
+  Vec3 per_unit_slope(const FieldPoints& points, size_t at) const {
+    Vec3 slope{0, 0, 0};
+    if (field_.options.space != Space::kNdc) return slope;
+    const Vec3d& p = points.positions[at];
+    const double step = 1e-5 * std::max(1.0, length(p - field_.ndc.reference.translation));
+    for (int k = 0; k < 3; ++k) {
+      Vec3d before = p, behind = p;
+      before[k] -= step;
+      behind[k] += step;
+      slope[k] = static_cast<Real>((per_unit(points, at, behind) - per_unit(points, at, before)) /
+                                   (2 * step));
+    }
+    return slope;
   }
 
   void place(const FieldPoints& points, size_t begin, int n, Worker& w) {
@@ -114,7 +131,8 @@ class NetworkQuery final : public FieldQuery {
       Vec3 g{0, 0, 0};
       for (int k = 0; k < position_rows(field_.options); ++k)
         g = g + axes_[static_cast<size_t>(k)] * gradient[k * ld + i];
-      g = unplaced(points.positions[at], g) * static_cast<Real>(per_unit(points, at));
+      g = unplaced(points.positions[at], g) * static_cast<Real>(per_unit(points, at)) +
+          per_unit_slope(points, at) * std::as_const(w.chunk).data(w.tape.density)[i];
       for (int k = 0; k < 3; ++k) answers.gradient[3 * at + static_cast<size_t>(k)] = g[k];
     }
   }

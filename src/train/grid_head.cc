@@ -91,8 +91,7 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
     for (int64_t c = a * per; c < end; ++c) {
       bind(c, tape, chunk);
       set_loss(c, tape, chunk);
-      Random random(seed(), static_cast<uint64_t>(done),
-                    (uint64_t{1} << 61) + static_cast<uint64_t>(c));  // no ray has this number
+      Random random(seed(), static_cast<uint64_t>(done), random_key(RandomStream::kRoulette, c));
       chunk.roulette.offset = static_cast<double>(random.uniform());
       tape.tape.forward(chunk);
       chunk_colours[static_cast<size_t>(c)] = chunk.count(tape.colour);

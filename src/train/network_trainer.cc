@@ -137,10 +137,9 @@ std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay
     return cast ? std::optional(ray) : std::nullopt;
   };
   if (!given.empty()) return sampled(given[i]);
-  // Of the step, not of a ray: no ray has this number.
-  const size_t photo =
-      static_cast<size_t>(Random(seed(), static_cast<uint64_t>(done), uint64_t{1} << 62)
-                              .below(static_cast<uint64_t>(source.photos())));
+  const size_t photo = static_cast<size_t>(
+      Random(seed(), static_cast<uint64_t>(done), random_key(RandomStream::kPhotoOfStep))
+          .below(static_cast<uint64_t>(source.photos())));
   const bool from_one = recipe.one_photo || done < recipe.crop_steps;
   const double share = done < recipe.crop_steps ? recipe.crop : 1;
   PixelSource::Pixel pixel;

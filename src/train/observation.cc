@@ -79,8 +79,7 @@ void GridTrainer::refresh() {
     int64_t cell[kBlock];
     int n = 0;
     for (int64_t i = block * kBlock; i < std::min(points, (block + 1) * kBlock); ++i) {
-      Random random(seed(), static_cast<uint64_t>(done) | uint64_t{1} << 62,
-                    static_cast<uint64_t>(i));
+      Random random(seed(), random_key(RandomStream::kOccupancy, done), static_cast<uint64_t>(i));
       const int64_t at =
           i * group + static_cast<int64_t>(random.below(static_cast<uint64_t>(group)));
       const int c = static_cast<int>(at / grid.cells());

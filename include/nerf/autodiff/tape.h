@@ -20,6 +20,7 @@
 
 #include "nerf/base/aligned.h"
 #include "nerf/base/real.h"
+#include "nerf/kernels/linear.h"
 
 namespace nerf {
 
@@ -113,6 +114,14 @@ class Tape {
  public:
   // Capacities are rounded up to kLane.
   Tape(int sample_capacity, int ray_capacity);
+  // Between the rows of values of so many samples, or rays: of samples an odd number of cache
+  // lines, or each row would begin in the same few sets of a cache.
+  static constexpr int sample_stride(int capacity) {
+    return static_cast<int>((round_up(capacity, kLane) / kLane | 1) * kLane);
+  }
+  static constexpr int ray_stride(int capacity) {
+    return static_cast<int>(round_up(capacity, kLane));
+  }
 
   // A value that the caller fills before forward(). With `gradient`, backward() leaves its
   // gradient.

@@ -14,7 +14,7 @@
 namespace nerf {
 
 inline constexpr int kLane = 16;
-inline int64_t round_up(int64_t n, int64_t unit) { return (n + unit - 1) / unit * unit; }
+constexpr int64_t round_up(int64_t n, int64_t unit) { return (n + unit - 1) / unit * unit; }
 inline int weight_stride(int in) { return static_cast<int>(round_up(in, kLane)); }
 
 enum class LinearActivation { kNone, kRelu };

@@ -16,6 +16,22 @@ inline uint64_t mix64(uint64_t z) {
   return z ^ (z >> 31);
 }
 
+// What numbers are drawn for that belong to no ray of a step. Each stands in the place of a step or
+// of an index, which never are so large.
+enum class RandomStream : uint64_t {
+  // In the place of a step.
+  kFirstTable = uint64_t{1} << 63,  // first features; the index is a row
+  kFirstNetworks,                   // first weights; the index is a layer
+  // In the place of an index.
+  kRoulette = uint64_t{1} << 61,     // of a chunk, whose number is added
+  kPhotoOfStep = uint64_t{1} << 62,  // that all rays of a step come from
+  // Added to a step.
+  kOccupancy = uint64_t{1} << 62,  // places where cells are refreshed; the index is a group of them
+};
+constexpr uint64_t random_key(RandomStream stream, int64_t number = 0) {
+  return static_cast<uint64_t>(stream) + static_cast<uint64_t>(number);
+}
+
 // A stream keyed by (seed, step, index); successive dimensions are drawn from it.
 class Random {
  public:

@@ -126,6 +126,9 @@ struct GridField final : Field {
 // A chunk of samples of one network call.
 inline constexpr int kChunkSamples = 240;
 inline constexpr int kChunkRays = 240;
+// Arrays of a whole batch keep the tape's rows, so that chunks are bound to them and copied whole.
+static_assert(Tape::sample_stride(kChunkSamples) == kChunkSamples);
+static_assert(Tape::ray_stride(kChunkRays) == kChunkRays);
 
 // What a training tape ends in.
 struct GridLosses {
