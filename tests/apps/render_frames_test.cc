@@ -138,7 +138,8 @@ TEST(RenderFrames, WithoutDepthOnlyColour) {
   int calls = 0;
   render_frames(
       plan_of({"a.png", "b.png"}, false), folder.path(),
-      [&](const Camera& camera, const Pose& pose, bool, const std::function<void(double)>&) {
+      [&](const Camera& camera, const Pose& pose, double, bool,
+          const std::function<void(double)>&) {
         ++calls;
         return flat_frame(camera, pose);
       },
@@ -178,9 +179,8 @@ TEST(RenderFrames, UnwritableFoldersAreErrors) {
   const auto run = [&](const RenderPlan& plan, const fs::path& out) {
     render_frames(
         plan, out,
-        [](const Camera& camera, const Pose& pose, bool, const std::function<void(double)>&) {
-          return flat_frame(camera, pose);
-        },
+        [](const Camera& camera, const Pose& pose, double, bool,
+           const std::function<void(double)>&) { return flat_frame(camera, pose); },
         progress, cancel);
   };
   EXPECT_THROW(run(plan_of({"a.png"}), folder.path() / "file"), Error);
@@ -196,7 +196,8 @@ TEST(RenderFrames, ProgressGoesFromFrameToFrame) {
   const Cancel cancel;
   render_frames(
       plan_of({"a.png", "b.png"}, false), folder.path(),
-      [&](const Camera& camera, const Pose& pose, bool, const std::function<void(double)>& report) {
+      [&](const Camera& camera, const Pose& pose, double, bool,
+          const std::function<void(double)>& report) {
         report(0.5);
         return flat_frame(camera, pose);
       },
