@@ -36,8 +36,8 @@ std::vector<KernelCase> descriptor_cases() {
              run.run = [=](ThreadPool& pool) {
                pool.parallel_for(threads, [&](int64_t i) {
                  PhotoPair& p = (*pairs)[static_cast<size_t>(i)];
-                 nearest_descriptors(kFeatures, p.a.data(), kFeatures, p.b.data(),
-                                     p.of_rows.data(), p.of_columns.data());
+                 nearest_descriptors(kFeatures, p.a.data(), kFeatures, p.b.data(), p.of_rows.data(),
+                                     p.of_columns.data());
                });
              };
              return run;

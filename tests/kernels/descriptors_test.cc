@@ -29,10 +29,12 @@ Nearest nearest(const Bytes& a, const Bytes& b, const Function& function) {
 }
 
 Nearest expected(const Bytes& a, const Bytes& b) {
-  return nearest(a, b, [](int64_t rows, const uint8_t* x, int64_t columns, const uint8_t* y,
-                          NearestTwo* of_rows, NearestTwo* of_columns) {
-    reference::nearest_descriptors(rows, x, columns, y, kDescriptorBytes, of_rows, of_columns);
-  });
+  return nearest(a, b,
+                 [](int64_t rows, const uint8_t* x, int64_t columns, const uint8_t* y,
+                    NearestTwo* of_rows, NearestTwo* of_columns) {
+                   reference::nearest_descriptors(rows, x, columns, y, kDescriptorBytes, of_rows,
+                                                  of_columns);
+                 });
 }
 
 // Every target, and each way to multiply that it has.

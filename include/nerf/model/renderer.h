@@ -36,6 +36,9 @@ struct RenderOptions {
   // Share of a pixel's light that successive samples of its ray may have together to be given one
   // colour, that of the mean of their features by weight; 0: every sample has its own.
   Real shared_colour = 1.0_r / 16;
+  // Grid method: a pixel whose neighbours' colours differ by less takes their mean instead of a ray
+  // of its own (model/pixel_lattice.h; sRGB, [0, 1]); 0: every pixel has its ray.
+  Real interpolated = 8.0_r / 255;
   Precision precision = Precision::kAuto;  // of the networks' products
   // Rays along a pixel's side, averaged; 0: with the grid method a pixel's width in pixels of the
   // photos trained on (their median), rounded, 1 to kMostSupersampling; one with the paper methods.
@@ -50,7 +53,7 @@ struct RenderOptions {
   // Turns off all of the above that leaves work out.
   void skip_nothing() {
     unclipped = true;
-    min_transmittance = stop_transmittance = unshaded = shared_colour = 0;
+    min_transmittance = stop_transmittance = unshaded = shared_colour = interpolated = 0;
   }
 };
 
@@ -66,8 +69,8 @@ struct RenderStatistics {
 // All images row by row from the top, one value (or three) per pixel.
 struct Frame {
   int width = 0, height = 0;
-  std::vector<Real> rgb;      // 3 per pixel, sRGB, background composited in
-  std::vector<Real> alpha;    // opacity in [0, 1]
+  std::vector<Real> rgb;    // 3 per pixel, sRGB, background composited in
+  std::vector<Real> alpha;  // opacity in [0, 1]
   // Median depth along the optical axis (of panoramas: along the ray), input unit; 0 where nothing.
   std::vector<Real> depth_z;
   RenderStatistics statistics{};
