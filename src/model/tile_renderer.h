@@ -303,26 +303,19 @@ class TileRenderer {
       // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
       if (transmittance < options_.stop_transmittance) break;
     }
-    const bool stopped = transmittance < options_.stop_transmittance;
-    Real rest = 0;
-    if (stopped && shared > 0 && !per_ray) {
-      // What is behind has the last colours, more likely than the background's.
-      rest = static_cast<Real>(transmittance);
-      transmittance = 0;
-    }
     ray.transmittance = transmittance;
     ray.unshaded = unshaded;
     ray.shared = shared;
-    if (ray.next < ray.end && !stopped) return;
-    if (!per_ray || 1 - transmittance > options_.unshaded) add_shaded(r, shared, rest);
+    if (ray.next < ray.end && !(transmittance < options_.stop_transmittance)) return;
+    if (!per_ray || 1 - transmittance > options_.unshaded) add_shaded(r, shared);
     finish(ray);
   }
 
   size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }
 
   // The features that a ray's samples have summed, of weight `shared`, wait for the colour network
-  // with others; the colour has the weight `rest` besides.
-  void add_shaded(size_t r, Real shared, Real rest = 0) {
+  // with others.
+  void add_shaded(size_t r, Real shared) {
     const TileRay& ray = rays_[r];
     if (!(shared > 0)) return;
     if (shaded_ == kChunkSamples) shade();
@@ -344,7 +337,7 @@ class TileRenderer {
     }
     shaded_pixel_[static_cast<size_t>(shaded_)] = ray.pixel;
     shaded_weight_[static_cast<size_t>(shaded_)] =
-        per_ray ? static_cast<Real>(1 - ray.transmittance) : shared + rest;
+        per_ray ? static_cast<Real>(1 - ray.transmittance) : shared;
     ++shaded_;
   }
 
