@@ -77,6 +77,10 @@ std::string help_of(const OptionField& field) {
   return wrapped(text);
 }
 
+bool has_brief(const std::vector<OptionField>& fields) {
+  return std::ranges::any_of(fields, [](const OptionField& f) { return !f.brief.empty(); });
+}
+
 // Refuses names that no field has, options given twice and options without their value, before
 // anything else is looked at: CLI11 would rather complain about a missing argument where a misspelt
 // option has swallowed it, and in its own words.
@@ -87,6 +91,7 @@ void check_names(int argc, const char* const* argv, const std::vector<OptionFiel
   };
   std::map<std::string, Known> known{
       {"--help", {"--help"}}, {"-h", {"--help"}}, {"--version", {"--version"}}};
+  if (has_brief(fields)) known["--help-all"] = {"--help-all"};
   for (const OptionField& field : fields) {
     if (field.positional) continue;
     const std::string flag = option_flag(field);
@@ -127,15 +132,16 @@ void check_names(int argc, const char* const* argv, const std::vector<OptionFiel
   }
 }
 
-void add_field(CLI::App& app, const OptionField& field, CommandLine& result) {
+// In the short help a field without a brief text is hidden.
+void add_field(CLI::App& app, const OptionField& field, bool is_short, CommandLine& result) {
+  const std::string help = is_short ? wrapped(field.brief) : help_of(field);
   const std::string flag = option_flag(field);
   const auto note = [&result, name = field.name] { result.given.insert(name); };
   CLI::Option* option = nullptr;
   std::string names = field.positional ? placeholder_of(field) : flag;
   if (field.short_name) names = std::string{'-', field.short_name} + "," + names;
   if (field.type == OptionType::kBool) {
-    option =
-        app.add_flag_callback(names, [&field, note] { field.set(true), note(); }, help_of(field));
+    option = app.add_flag_callback(names, [&field, note] { field.set(true), note(); }, help);
     CLI::Option* off =
         app.add_flag_callback(negated(field), [&field, note] { field.set(false), note(); });
     off->group("");
@@ -144,12 +150,14 @@ void add_field(CLI::App& app, const OptionField& field, CommandLine& result) {
         names,
         [&field, note, where = field.positional ? placeholder_of(field) : flag](
             const std::string& text) { set_option_text(field, text, where), note(); },
-        help_of(field));
+        help);
     option->option_text(field.positional ? " " : placeholder_of(field));
   }
   option->required(field.required);
-  const size_t dot = field.name.rfind('.');
-  if (dot != std::string::npos) option->group("Options: " + field.name.substr(0, dot));
+  if (is_short && field.brief.empty())
+    option->group("");
+  else if (!field.heading.empty())
+    option->group(field.heading);
 }
 
 }  // namespace
@@ -160,10 +168,17 @@ CommandLine parse_fields(int argc, const char* const* argv, const ProgramText& t
   CommandLine result;
   CLI::App app(text.description, text.name);
   app.get_formatter()->column_width(kNameColumns);
-  app.footer(text.footer);
-  app.set_help_flag("-h,--help", "print this and leave");
+  const bool is_short =
+      has_brief(fields) && std::none_of(argv, argv + argc, [](const std::string& argument) {
+        return argument == "--help-all";
+      });
+  app.footer(is_short                ? text.examples
+             : text.examples.empty() ? text.footer
+                                     : text.footer + "\n\n" + text.examples);
+  app.set_help_flag(is_short ? "-h,--help" : "-h,--help,--help-all", "print this and leave");
+  if (is_short) app.add_flag_callback("--help-all", [] {}, "print every option and leave");
   app.set_version_flag("--version", version_text(text.name), "print the version and leave");
-  for (const OptionField& field : fields) add_field(app, field, result);
+  for (const OptionField& field : fields) add_field(app, field, is_short, result);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& request) {  // --help, --version

@@ -9,11 +9,12 @@
 
 namespace nerf::apps {
 
-// What --help says around the list of options.
+// What the help says around the list of options.
 struct ProgramText {
   std::string name;         // "nerf_render"
   std::string description;  // one line
-  std::string footer;       // longer explanations, examples
+  std::string footer;       // longer explanations; where some fields are brief, of --help-all alone
+  std::string examples = {};
 };
 
 struct CommandLine {
@@ -23,9 +24,10 @@ struct CommandLine {
 
 // Sets the fields that the command line names. A field "max_steps" is --max-steps VALUE or
 // --max-steps=VALUE (-x too where it has a short name), or stands without a name where it is
-// positional; a bool "depth" is --depth and --no-depth. Throws Error: an unknown option (naming the
-// nearest known one), a missing or surplus value, an option given twice, a required one missing, a
-// value that set_option_text refuses.
+// positional; a bool "depth" is --depth and --no-depth. --help prints the fields that have a brief
+// text, --help-all every one; where none has, --help prints all. Throws Error: an unknown option
+// (naming the nearest known one), a missing or surplus value, an option given twice, a required one
+// missing, a value that set_option_text refuses.
 CommandLine parse_fields(int argc, const char* const* argv, const ProgramText& text,
                          const std::vector<OptionField>& fields);
 

@@ -33,9 +33,11 @@ ProgramText render_program_text() {
           "Pictures are PNG files named after the views they show (orbit_0000.png, ...); near is "
           "red and far\nis blue in depth pictures. Coordinates are those of the capture that the "
           "model was trained on.\n"
-          "Exit code 0: done, 2: something to correct, 128 + n: stopped by signal n.\n\n"
+          "Exit code 0: done, 2: something to correct, 128 + n: stopped by signal n.",
           "  nerf_render run --views test -o renders\n"
           "  nerf_render run --views orbit -o orbit --size 800x600 --mp4 orbit.mp4"};
 }
 
 }  // namespace nerf::apps
+
+template nerf::CollectedOptions nerf::collect_options(nerf::apps::RenderCommand&);

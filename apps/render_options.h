@@ -68,23 +68,30 @@ struct RenderCommand {
 
   template <class V>
   void visit_options(V& v) {
+    v.heading("What to show");
     v("run", run, "folder that nerf_train wrote, or a model file", positional(), required(),
-      metavar("RUN"));
+      metavar("RUN"), brief("folder that nerf_train wrote, or a model file"));
     v("views", views,
       "what to show: test, train, orbit, spiral, spherified, ellipse, interpolate, or a camera "
       "path: nerfstudio's JSON, a transforms.json, a list of exported cameras, or instant-ngp's "
       "base_cam.json, in the input model's coordinates",
-      metavar("VIEWS"));
-    v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"));
+      metavar("VIEWS"),
+      brief("test, train, orbit, spiral, spherified, ellipse, interpolate, or the file of a camera "
+            "path"));
+    v("out", out, "folder that the pictures go to", short_name('o'), required(), metavar("DIR"),
+      brief("folder that the pictures go to"));
     v("size", size,
       "size of the pictures; without it that of the photos, or the one that a camera path's file "
-      "states");
-    v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64));
+      "states",
+      brief("size of the pictures; without it that of the photos"));
+    v("downscale", downscale, "divides the pictures' size", at_least(1), at_most(64),
+      brief("divides the pictures' size"));
     v("camera", camera,
       "what generated paths and a camera path's file show: perspective, equirectangular (all "
       "around), ods (all around in stereo, left eye above right) or vr180 (the half in front in "
       "stereo, left eye beside right); --size is that of one eye; without it perspective, or what "
-      "the file says");
+      "the file says",
+      brief("perspective, equirectangular, ods or vr180"));
     v("ipd", ipd,
       "distance between the eyes of ods and vr180, input unit; without it 0.064, as in metres",
       at_least(0), at_most(1e6));
@@ -93,23 +100,28 @@ struct RenderCommand {
       "it one beside the path's file, where the path then lies nearer to the photos' cameras",
       metavar("FILE"));
     v("frames", frames, "length of the generated paths (orbit, spiral, ...); without it 120",
-      at_least(1), at_most(100000));
+      at_least(1), at_most(100000), brief("length of a generated path; without it 120"));
     v("fps", fps, "frames per second of the video; without it the camera path's, or 30",
-      at_least(0.1), at_most(1000));
-    v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", metavar("FILE"));
-    v("depth", depth, "colour-mapped depth pictures in DIR/depth");
-    v("bbox", bbox, "draws nothing outside this box, input coordinates");
+      at_least(0.1), at_most(1000), brief("frames per second of the video"));
+    v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", metavar("FILE"),
+      brief("also writes a video"));
+    v.heading("How to draw it");
+    v("depth", depth, "colour-mapped depth pictures in DIR/depth",
+      brief("pictures of depth too; --no-depth leaves them out"));
+    v("bbox", bbox, "draws nothing outside this box, input coordinates",
+      brief("draws nothing outside this box"));
     v("background", background,
       "sRGB colour behind the scene, each 0 to 1; without it what nerf_train --background said, or "
       "white; not used with a paper's method that learnt photos without alpha: always black",
-      at_least(0), at_most(1), metavar("R,G,B"));
+      at_least(0), at_most(1), metavar("R,G,B"), brief("colour behind the scene, each 0 to 1"));
     v("supersample", supersample,
       "rays along a pixel's side, averaged; 0: with the grid method a pixel's width in pixels of "
       "the photos, rounded, 1 to 8, else one",
       at_least(0), at_most(kMostSupersampling));
     v("precision", precision,
       "operands of the networks' products; auto: bf16 where the processor is faster with it");
-    v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
+    v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024),
+      brief("0 takes all processors"));
   }
   // Throws Error for combinations that cannot be.
   void check_options() const;
@@ -118,4 +130,6 @@ struct RenderCommand {
 ProgramText render_program_text();
 
 }  // namespace apps
+extern template CollectedOptions collect_options(apps::RenderCommand&);
+
 }  // namespace nerf

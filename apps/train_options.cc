@@ -13,57 +13,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// May differ between the parts of a run.
-constexpr std::array kFree = {"scene",       "out",        "threads",    "resume",
-                              "overwrite",   "eval_every", "eval_views", "checkpoint_every",
-                              "report_every"};
-
-// What the grid's trainer alone reads, besides the options of its groups.
-constexpr std::array kOfTheGrid = {"batch_samples",
-                                   "network_rate",
-                                   "beta1",
-                                   "final_beta1",
-                                   "beta2",
-                                   "final_beta2",
-                                   "huber_delta",
-                                   "distortion",
-                                   "network_l2",
-                                   "early_samples",
-                                   "late_levels",
-                                   "coarse_photos",
-                                   "error_guidance",
-                                   "shared_colour",
-                                   "stop_transmittance",
-                                   "gradient_roulette",
-                                   "occupancy_threshold",
-                                   "every_row",
-                                   "keep_unseen",
-                                   "keep_transparent",
-                                   "keep_free"};
-
-// Whether the method reads the training option of that name.
-bool is_read(const std::string& name, bool grid) {
-  if (name.starts_with("grid.")) return grid;
-  if (name.starts_with("network.") || name.starts_with("recipe.")) return !grid;
-  return grid || std::ranges::find(kOfTheGrid, name) == kOfTheGrid.end();
-}
-
-std::string flag_of(const std::string& name) {
-  OptionField field;
-  field.name = name;
-  return option_flag(field);
-}
-
-bool is_free(const OptionField& field) {
-  return std::find(kFree.begin(), kFree.end(), field.name) != kFree.end();
-}
-
-// Of those, what the run's later parts do not take over from its first.
-bool is_of_this_part(const OptionField& field) {
-  constexpr std::array kOwn = {"scene", "out", "threads", "resume", "overwrite"};
-  return std::find(kOwn.begin(), kOwn.end(), field.name) != kOwn.end();
-}
-
 bool is_utf8(const std::string& text) {
   try {
     nlohmann::json(text).dump();
@@ -74,11 +23,6 @@ bool is_utf8(const std::string& text) {
 }
 
 }  // namespace
-
-double default_minutes(const std::string& method, Scale scale) {
-  if (method == kGridMethod) return 5;
-  return scale == Scale::kTiny ? 4 : 50;
-}
 
 TrainCommand with_preset(const TrainCommand& command, const std::set<std::string>& given) {
   TrainCommand out = command;
@@ -148,34 +92,11 @@ std::vector<std::string> unused_options(const TrainCommand& command,
     out.push_back("--background is not used: it is the colour that photos were cut out to");
   if (given.contains("background") && !scene.alpha)
     out.push_back("--background is not used: the photos have no alpha");
-  const bool grid = command.train.method == kGridMethod;
-  if (grid && given.contains("keep_transparent") && !scene.alpha)
-    out.push_back("--keep-transparent is not used: the photos have no alpha");
-  if (grid && given.contains("keep_free") && !scene.unbounded)
-    out.push_back("--keep-free is not used: the scene ends with its box");
-  if (!grid && command.train.network.sampling.resampling != Resampling::kProposal &&
-      (given.contains("recipe.anneal") || given.contains("recipe.anneal_steps")))
-    out.push_back(
-        "--recipe-anneal and --recipe-anneal-steps are not used: only proposals are annealed");
-  if (grid && given.contains("scale"))
-    out.push_back("--scale is not used: the grid method has one preset");
-  for (const std::string& name : given)
-    if (!is_read(name, grid))
-      out.push_back(flag_of(name) + " is not used by --method " + command.train.method);
-  const bool per_ray = command.train.grid.colour_per_ray;
-  if (grid && per_ray && given.contains("shared_colour"))
-    out.push_back("--shared-colour is not used: with --grid-colour-per-ray a ray has one colour");
-  if (grid && (per_ray || command.train.shared_colour == 0) && given.contains("stop_transmittance"))
-    out.push_back("--stop-transmittance is not used: no samples share a colour");
-  if (!grid && command.train.network.space == Space::kNdc &&
-      (given.contains("recipe.near") || given.contains("recipe.far")))
-    out.push_back(
-        "--recipe-near and --recipe-far are not used: normalised device coordinates go from the "
-        "near plane to infinity");
-  if (given.contains("far") &&
-      (grid ? !scene.unbounded : command.train.network.space == Space::kNdc))
-    out.push_back(grid ? "--far is not used: the scene ends with its box (--bbox)"
-                       : "--far is not used: normalised device coordinates go to infinity");
+  const std::string& method = command.train.method;
+  if (given.contains("scale") && !has_scales(method))
+    out.push_back("--scale is not used: the method has one preset");
+  for (std::string& line : nerf::unused_options(command.train, given, scene))
+    out.push_back(std::move(line));
   if (command.holdout == Holdout::kNone &&
       (given.contains("eval_every") || given.contains("eval_views")))
     out.push_back("--eval-every and --eval-views are not used: nothing is held out");
@@ -212,7 +133,7 @@ ProgramText train_program_text() {
       "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"
       "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume) and eval/ with\n"
       "photo, rendering and depth side by side. The clock is that of training steps.\n"
-      "Ctrl-C saves and leaves with 130; mistakes leave with 2.\n\n"
+      "Ctrl-C saves and leaves with 130; mistakes leave with 2.",
       "  nerf_train photos/garden -o runs/garden --minutes 15\n"
       "  nerf_train -o runs/garden --resume"};
 }
@@ -226,9 +147,8 @@ void resume_options(TrainCommand& command, const std::set<std::string>& given, T
   }
   const auto fields = option_fields(command), were = option_fields(saved);
   for (size_t i = 0; i < fields.size(); ++i) {
-    if (is_free(fields[i])) {
-      if (!is_of_this_part(fields[i]) && !given.contains(fields[i].name))
-        fields[i].set(were[i].get());
+    if (!fields[i].of_result) {
+      if (fields[i].inherited && !given.contains(fields[i].name)) fields[i].set(were[i].get());
       continue;
     }
     const std::string is = option_text(fields[i]), was = option_text(were[i]);
@@ -251,7 +171,7 @@ std::string equivalent_command(const TrainCommand& command, const TrainingPlan& 
   for (size_t i = 0; i < fields.size(); ++i) {
     const OptionField& field = fields[i];
     const std::string value = option_text(field);
-    if (is_free(field) || field.name == "minutes" || field.name == "steps" ||
+    if (!field.of_result || field.name == "minutes" || field.name == "steps" ||
         value == option_text(defaults[i]))
       continue;
     if (field.type == OptionType::kBool)
@@ -273,3 +193,5 @@ fs::path default_run_folder(const fs::path& scene) {
 }
 
 }  // namespace nerf::apps
+
+template nerf::CollectedOptions nerf::collect_options(nerf::apps::TrainCommand&);

@@ -38,9 +38,6 @@ inline auto option_names(SplitChoice) {
   return std::array{OptionName{SplitChoice::kTest, "test"}, OptionName{SplitChoice::kDev, "dev"}};
 }
 
-// Length of a training that is given neither minutes nor steps.
-double default_minutes(const std::string& method, Scale scale);
-
 struct TrainCommand {
   std::filesystem::path scene;
   std::filesystem::path out;
@@ -69,53 +66,68 @@ struct TrainCommand {
 
   template <class V>
   void visit_options(V& v) {
+    v.heading("Capture");
     v("scene", scene, "capture: its folder, a transforms .json, or a video", positional(),
-      metavar("SCENE"));
-    v("out", out,
-      "folder for everything that the run writes; without it runs/ and the scene's name",
-      short_name('o'), metavar("RUN"));
-    v("list_methods", list_methods, "prints the table of methods and leaves");
-    v("scale", scale,
-      "preset of a paper's method: paper, the publication's setting; small, under an hour on two "
-      "processors; tiny, a few minutes");
-    v("minutes", minutes,
-      "length of the training, minutes of its steps; without it and without --steps 5, of a "
-      "paper's method 4 (tiny) or 50 (small)",
-      above(0), at_most(100000));
-    v("threads", threads, "threads; 0 takes all processors; the result is the same for any number",
-      at_least(0), at_most(1024));
-    v("resume", resume,
-      "goes on with the run in RUN, bit for bit; with --minutes or --steps, of the whole run, "
-      "until it is so long");
-    v("overwrite", overwrite, "begins anew although RUN holds a run");
+      of_this_call(), metavar("SCENE"), brief("capture: a folder, a transforms .json, or a video"));
     v("format", format, "kind of the capture");
     v("split", split,
       "test: photos 0, 8, 16, ... (or the test file) are held out; dev: those are left out "
       "altogether and every 8th of the others is held out, for tuning");
-    v("holdout", holdout, "none trains on every photo and measures nothing");
-    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
+    v("holdout", holdout, "none trains on every photo and measures nothing",
+      brief("none trains on every photo and measures nothing"));
+    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64),
+      brief("divides the photos' size"));
     v("scales", scales,
       "sizes of every photo that are measured, each half of the one before, and trained on where "
       "the method sees how wide a pixel is; a pixel weighs its area",
       at_least(1), at_most(6));
-    v("bbox", bbox, "box to reconstruct, input coordinates");
-    v("up", up, "direction that points up, input coordinates");
-    v("near", near, "distance from every camera at which content may begin, input unit", above(0));
-    v("far", far, "distance from the cameras at which content ends, input unit", above(0));
+    v("bbox", bbox, "box to reconstruct, input coordinates",
+      brief("box to reconstruct, in the capture's coordinates"));
+    v("up", up, "direction that points up, input coordinates", brief("direction that points up"));
+    v("near", near, "distance from every camera at which content may begin, input unit", above(0),
+      brief("distance from the cameras at which content begins"));
+    v("far", far, "distance from the cameras at which content ends, input unit", above(0),
+      brief("distance from the cameras at which it ends"));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "
       "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "
-      "transparent");
+      "transparent",
+      brief("background cut out to one colour: transparent"));
+    v.heading("Run");
+    v("out", out,
+      "folder for everything that the run writes; without it runs/ and the scene's name",
+      short_name('o'), of_this_call(), metavar("RUN"), brief("folder for what the run writes"));
+    v("minutes", minutes,
+      "length of the training, minutes of its steps; without it and without --steps 5, of a "
+      "paper's method 4 (tiny) or 50 (small)",
+      above(0), at_most(100000), brief("length of the training; without it 5"));
+    v("resume", resume,
+      "goes on with the run in RUN, bit for bit; with --minutes or --steps, of the whole run, "
+      "until it is so long",
+      of_this_call(), brief("goes on with the run in RUN, or extends it"));
+    v("overwrite", overwrite, "begins anew although RUN holds a run", of_this_call(),
+      brief("begins anew although RUN holds a run"));
+    v("threads", threads, "threads; 0 takes all processors; the result is the same for any number",
+      at_least(0), at_most(1024), of_this_call(), brief("0 takes all processors"));
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "
       "a tenth of them; 0: only at the end",
-      at_least(0));
+      at_least(0), not_of_result(), brief("minutes between evaluations"));
     v("eval_views", eval_views,
-      "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0));
+      "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0),
+      not_of_result());
     v("checkpoint_every", checkpoint_every,
-      "minutes of training between checkpoints; 0: only at the end", at_least(0));
-    v("report_every", report_every, "steps between lines of metrics.jsonl", at_least(1));
+      "minutes of training between checkpoints; 0: only at the end", at_least(0), not_of_result());
+    v("report_every", report_every, "steps between lines of metrics.jsonl", at_least(1),
+      not_of_result());
+    v.heading("Method");
+    v("list_methods", list_methods, "prints the table of methods and leaves",
+      brief("prints the table of methods and leaves"));
+    v("scale", scale,
+      "preset of a paper's method: paper, the publication's setting; small, under an hour on two "
+      "processors; tiny, a few minutes",
+      brief("of a paper's method: tiny, small or paper"));
     train.visit_options(v);
   }
   // Throws Error for combinations that cannot be.
@@ -152,4 +164,6 @@ std::string equivalent_command(const TrainCommand& command, const TrainingPlan& 
 std::filesystem::path default_run_folder(const std::filesystem::path& scene);
 
 }  // namespace apps
+extern template CollectedOptions collect_options(apps::TrainCommand&);
+
 }  // namespace nerf

@@ -68,8 +68,8 @@ struct AblationOptions {
 };
 
 std::vector<AblationOptions::Variant> AblationOptions::variants() const {
-  if (method == kGridMethod)
-    throw Error("the grid method has no parts that can be taken out", "--method",
+  if (!reads_option(method, "network.encoding"))
+    throw Error("this method has no parts that can be taken out", "--method",
                 "give a paper's method, for example nerf");
   const TrainOptions whole = training_command(arguments({"whole", {}})).train;
   const NetworkOptions& n = whole.network;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <string>
 
 #include "base/half.h"
@@ -13,6 +12,8 @@
 #include "nerf/math/random.h"
 
 namespace nerf {
+
+template CollectedOptions collect_options(GridOptions&);
 
 namespace {
 
@@ -53,12 +54,6 @@ HashGridShape hash_grid_shape(const GridOptions& o) {
 void GridOptions::check_options() const {
   if (features != 2 && features != 4)
     throw Error(std::to_string(features) + " is neither 2 nor 4", "--grid-features",
-                "give one of them");
-  if (cone_points != 1 && cone_points != kConePoints)
-    throw Error(std::to_string(cone_points) + " is neither 1 nor " + std::to_string(kConePoints),
-                "--grid-cone-points", "give one of them");
-  if (table_bits != 16 && table_bits != 32)
-    throw Error(std::to_string(table_bits) + " is neither 16 nor 32", "--grid-table-bits",
                 "give one of them");
   if (sampler.min_samples > sampler.max_samples)
     throw Error(std::to_string(sampler.min_samples) + " is more than --grid-max-samples " +
@@ -121,14 +116,6 @@ void GridField::initialise(uint64_t seed) {
       xavier_uniform(w, Random(seed, kNetworkStream, layer++), weights.data());
 }
 
-Real GridField::grid_scale(const Vec3& p) const {
-  if (!unbounded) return 0.5_r;
-  const Real r = length(p);
-  if (!(r > 1)) return 0.25_r;
-  const Real across = (2 - 1 / r) / r;  // contraction: (2 r - 1) / r^2 across, 1 / r^2 along
-  return 0.25_r * std::cbrt(across * across / r / r);
-}
-
 GridTape::GridTape(const GridField& field, bool training, const GridLosses& losses) {
   features = tape.input(field.shape.features(), Domain::kSamples, training);
   directions = tape.input(3, Domain::kRays);
@@ -143,18 +130,12 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
     const Value code = view_code(tape, directions, domain);
     return sigmoid(tape, mlp(tape, concat(tape, geometry_features, code), field.colour_layers));
   };
-  const bool per_ray = training && field.options.colour_per_ray;
-  const bool grouped = training && !per_ray && losses.shared_colour > 0;
-  if (!per_ray && !grouped) colour = colour_of(geometry, Domain::kSamples);
+  const bool grouped = training && losses.shared_colour > 0;
+  if (!grouped) colour = colour_of(geometry, Domain::kSamples);
   field_operations_ = tape.operations();
-  if (per_ray || grouped || (training && losses.on_weights))
+  if (grouped || (training && losses.on_weights))
     image.weights = render_weights(tape, density, delta, /*opaque_end=*/false);
-  if (per_ray) {
-    const Value sums = sum_along_rays(tape, image.weights, geometry);
-    const int features_of_ray = field.options.geometry_features;
-    colour = colour_of(slice(tape, sums, 0, features_of_ray), Domain::kRays);
-    image.pixel = over(tape, colour, slice(tape, sums, features_of_ray, 1), background);
-  } else if (grouped) {
+  if (grouped) {
     const Value light =
         group_light(tape, image.weights, losses.shared_colour, losses.stop_transmittance);
     colour = colour_of(mean_of_groups(tape, image.weights, geometry), Domain::kGroups);
@@ -176,54 +157,6 @@ GridTape::GridTape(const GridField& field, bool training, const GridLosses& loss
   tape.plan();
 }
 
-void fade_level(const HashGridLevel& level, const Real* spread, int64_t n, Real* features,
-                int64_t ld) {
-  NERF_CHECK_LE(n, kChunkSamples);
-  if (n <= 0) return;
-  const int64_t padded = round_up(n, kLane);
-  alignas(64) Real inverse_square[kChunkSamples], length[kChunkSamples], left[kChunkSamples];
-  constexpr Real kLeast = 1e-12_r;  // a spread of this is none
-  for (int64_t i = 0; i < padded; ++i) {
-    const Real s = std::max(spread[i], kLeast);
-    inverse_square[i] = 1 / (s * s);
-    length[i] = 1 / (2 * std::numbers::pi_v<Real> * level.scale * level.scale);
-  }
-  opacity(n, inverse_square, length, left);
-  for (int64_t i = 0; i < padded; ++i) left[i] = std::sqrt(left[i]);
-  for (int f = 0; f < level.features; ++f)
-    for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= left[i];
-}
-
-void place_points(const GridField& field, const ConeSample& sample, int64_t stride, Real* x,
-                  Real* y, Real* z, Real* spread) {
-  const Vec3 middle = sample.entry + sample.direction * sample.t;
-  const auto place = [&](int64_t j, const Vec3& p, Real radius, Real distance) {
-    const Vec3 g = field.grid_position(p);
-    x[j * stride] = g.x;
-    y[j * stride] = g.y;
-    z[j * stride] = g.z;
-    if (spread) spread[j * stride] = cone_spread(radius, distance, field.grid_scale(p));
-  };
-  // A sample next to the camera has no cone.
-  if (field.options.cone_points == 1 || !(sample.distance > 0))
-    for (int j = 0; j < field.options.cone_points; ++j)
-      place(j, middle, sample.radius, sample.distance);
-  else {
-    const Vec3& d = sample.direction;
-    const Vec3 aside = std::fabs(d.z) < 0.9_r ? Vec3{0, 0, 1} : Vec3{1, 0, 0};
-    const Vec3 right = normalized(cross(d, aside)), up = cross(d, right);
-    const Real half = std::min(0.5_r * sample.delta, sample.distance);
-    const auto points = cone_points(sample.distance, half, sample.radius, sample.reversed,
-                                    sample.cosine, sample.sine);
-    for (size_t j = 0; j < points.size(); ++j) {
-      const auto& p = points[j];
-      const Vec3 at =
-          middle + d * p.along + right * (p.across * p.cosine) + up * (p.across * p.sine);
-      place(static_cast<int64_t>(j), at, p.across, 1);
-    }
-  }
-}
-
 void place_samples(const GridField& field, const Vec3& entry, const Vec3& direction, const Real* t,
                    int64_t n, Real* x, Real* y, Real* z) {
   for (int64_t i = 0; i < n; ++i) {
@@ -237,52 +170,13 @@ void place_samples(const GridField& field, const Vec3& entry, const Vec3& direct
 void encode_level(const GridField& field, size_t l, const GridPoints& points, int64_t n,
                   Real* features, int64_t ld) {
   const HashGridLevel& level = field.shape.levels[l];
-  alignas(64) Real one[4 * kChunkSamples];  // of one point of each sample
-  const int64_t padded = round_up(n, kLane);
-  for (int j = 0; j < points.per_sample; ++j) {
-    const int64_t at = j * points.stride;
-    Real* to = j == 0 ? features : one;
-    const int64_t ldt = j == 0 ? ld : kChunkSamples;
-    const auto look_up = [&](const auto* table) {
-      hash_grid_forward(level, table + level.begin(), points.x + at, points.y + at, points.z + at,
-                        n, to, ldt);
-    };
-    if (field.options.table_bits == 16)
-      look_up(field.half_table.data());
-    else
-      look_up(field.table.data());
-    if (points.spread) fade_level(level, points.spread + at, n, to, ldt);
-    if (j > 0)
-      for (int f = 0; f < level.features; ++f)
-        add_to(n, one + f * kChunkSamples, features + f * ld);
-  }
-  if (points.per_sample == 1) return;
-  const Real share = 1 / static_cast<Real>(points.per_sample);
-  for (int f = 0; f < level.features; ++f)
-    for (int64_t i = 0; i < padded; ++i) features[f * ld + i] *= share;
-}
-
-void encode_level_backward(const GridField& field, size_t l, const GridPoints& points, int64_t n,
-                           Real* d_features, int64_t ld, Real* gradient, uint8_t* marks) {
-  const HashGridLevel& level = field.shape.levels[l];
-  if (points.per_sample == 1) {
-    if (points.spread) fade_level(level, points.spread, n, d_features, ld);
-    hash_grid_backward(level, points.x, points.y, points.z, n, d_features, ld, gradient, marks);
-    return;
-  }
-  alignas(64) Real one[4 * kChunkSamples];
-  const Real share = 1 / static_cast<Real>(points.per_sample);
-  const int64_t padded = round_up(n, kLane);
-  for (int f = 0; f < level.features; ++f)
-    for (int64_t i = 0; i < padded; ++i) d_features[f * ld + i] *= share;
-  for (int j = 0; j < points.per_sample; ++j) {
-    const int64_t at = j * points.stride;
-    for (int f = 0; f < level.features; ++f)
-      std::copy_n(d_features + f * ld, padded, one + f * kChunkSamples);
-    if (points.spread) fade_level(level, points.spread + at, n, one, kChunkSamples);
-    hash_grid_backward(level, points.x + at, points.y + at, points.z + at, n, one, kChunkSamples,
-                       gradient, marks);
-  }
+  const auto look_up = [&](const auto* table) {
+    hash_grid_forward(level, table + level.begin(), points.x, points.y, points.z, n, features, ld);
+  };
+  if (field.options.table_bits == 16)
+    look_up(field.half_table.data());
+  else
+    look_up(field.table.data());
 }
 
 void encode(const GridField& field, const GridPoints& points, int64_t n, Real* features,
@@ -290,11 +184,6 @@ void encode(const GridField& field, const GridPoints& points, int64_t n, Real* f
   for (size_t l = 0; l < field.shape.levels.size(); ++l)
     encode_level(field, l, points, n,
                  features + static_cast<int64_t>(l) * field.shape.features_per_entry() * ld, ld);
-}
-
-void encode(const GridField& field, const Real* x, const Real* y, const Real* z, const Real* spread,
-            int64_t n, Real* features, int64_t ld) {
-  encode(field, {x, y, z, spread}, n, features, ld);
 }
 
 }  // namespace nerf

@@ -11,6 +11,8 @@
 
 namespace nerf {
 
+template CollectedOptions collect_options(NetworkOptions&);
+
 namespace {
 
 // Layers of one network, one behind the other in the field's weights.

@@ -74,8 +74,9 @@ OptionValue from_json(const Json& value, const OptionField& field, const std::st
 
 class Reader {
  public:
-  Reader(const std::vector<OptionField>& fields, const std::string& where)
-      : fields_(fields), where_(where) {}
+  Reader(const std::vector<OptionField>& fields, const std::vector<RetiredOption>& retired,
+         const std::string& where)
+      : fields_(fields), retired_(retired), where_(where) {}
 
   void read(const Json& object, const std::string& prefix) const {
     for (const auto& [key, value] : object.items()) {
@@ -84,7 +85,7 @@ class Reader {
       if (is_group(name)) {
         if (!value.is_object()) throw Error("expected an object, found " + type_name(value), place);
         read(value, name + ".");
-      } else {
+      } else if (!is_retired(name, value, place)) {
         const OptionField& field = find(name, prefix, place);
         if (value.is_null())
           set_option(field, std::nullopt, place);
@@ -95,6 +96,15 @@ class Reader {
   }
 
  private:
+  bool is_retired(const std::string& name, const Json& value, const std::string& place) const {
+    const auto found = std::ranges::find(retired_, name, &RetiredOption::name);
+    if (found == retired_.end()) return false;
+    if (value != to_json(found->harmless))
+      throw Error("this option is no more", place,
+                  "train anew without it, or keep to the version that wrote the file");
+    return true;
+  }
+
   bool is_group(const std::string& name) const {
     return std::any_of(fields_.begin(), fields_.end(), [&](const OptionField& f) {
       return f.name.size() > name.size() && f.name.starts_with(name) && f.name[name.size()] == '.';
@@ -122,6 +132,7 @@ class Reader {
   }
 
   const std::vector<OptionField>& fields_;
+  const std::vector<RetiredOption>& retired_;
   const std::string& where_;
 };
 
@@ -139,12 +150,13 @@ std::string fields_to_json(const std::vector<OptionField>& fields) {
   return root.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-void fields_from_json(const std::vector<OptionField>& fields, const std::string& json,
+void fields_from_json(const std::vector<OptionField>& fields,
+                      const std::vector<RetiredOption>& retired, const std::string& json,
                       const std::string& where) {
   const Json root = parse(json, where);
   if (!root.is_object())
     throw Error("expected an object of options, found " + type_name(root), where);
-  Reader(fields, where).read(root, "");
+  Reader(fields, retired, where).read(root, "");
 }
 
 }  // namespace nerf

@@ -71,8 +71,7 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
     ray_begin[count] = count;
     chunk->samples = chunk->rays = count;
     chunk->ray_begin = ray_begin;
-    encode(*grid_, x, y, z, nullptr, count, chunk->data(tape.features),
-           chunk->stride(tape.features));
+    encode(*grid_, {x, y, z}, count, chunk->data(tape.features), chunk->stride(tape.features));
     tape.forward_field(*chunk);
     const Real* sigma = chunk->data(tape.density);
     const Real* colour = chunk->data(tape.colour);

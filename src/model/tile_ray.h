@@ -19,7 +19,6 @@ struct TileRay {
   Vec3 entry, direction;      // of the march, engine coordinates
   double start = 0;           // of the march, from the camera
   Real forward = 1;           // depth_per_distance()
-  Real radius = 0;            // of the pixel's cone at distance 1; GridOptions::sees_cones
   bool finished = false;
 };
 

@@ -40,8 +40,7 @@ class TileRenderer {
     chunk_.packs = shading_.packs = &packs;
     delta_row_ = chunk_.data(tape_.delta);
     direction_rows_ = chunk_.data(tape_.directions);
-    const size_t points = static_cast<size_t>(field.options.cone_points) * kChunkSamples;
-    for (auto* a : {&x_, &y_, &z_, &spread_}) *a = AlignedArray<Real>(points);
+    for (auto* a : {&x_, &y_, &z_}) *a = AlignedArray<Real>(kChunkSamples);
     for (auto* a : {&geometry_, &shaded_geometry_})
       *a = AlignedArray<Real>(kChunkSamples * geometry_features());
     ray_begin_.resize(kChunkRays + 1);
@@ -170,8 +169,6 @@ class TileRenderer {
     ray.direction = line.direction.cast<Real>();
     ray.start = sampler_.start();
     ray.forward = static_cast<Real>(depth_per_distance(camera_, in_camera));
-    if (field_.options.sees_cones())
-      ray.radius = static_cast<Real>(pixel_cone_radius(camera_, {x + 0.5, y + 0.5}));
     ray.begin = ray.next = t_.size();
     t_.insert(t_.end(), samples_.t.begin(), samples_.t.end());
     delta_.insert(delta_.end(), samples_.delta.begin(), samples_.delta.end());
@@ -215,11 +212,8 @@ class TileRenderer {
       std::copy_n(delta, kStretch, delta_row_ + at);  // without a call
     else
       std::copy_n(delta, n, delta_row_ + at);
-    if (field_.options.sees_cones())
-      place_cones(ray, n);
-    else
-      place_samples(field_, ray.entry, ray.direction, t_.data() + ray.next, static_cast<int64_t>(n),
-                    x_.data() + at, y_.data() + at, z_.data() + at);
+    place_samples(field_, ray.entry, ray.direction, t_.data() + ray.next, static_cast<int64_t>(n),
+                  x_.data() + at, y_.data() + at, z_.data() + at);
     ray.next += n;
     samples_used_ += static_cast<int>(n);
     for (int k = 0; k < 3; ++k) direction_rows_[k * lr + parts_] = ray.direction[k];
@@ -227,42 +221,19 @@ class TileRenderer {
     ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
   }
 
-  // The points of the ray's next n samples.
-  void place_cones(const TileRay& ray, size_t n) {
-    ConeSample sample{ray.entry, ray.direction};
-    sample.radius = ray.radius;
-    for (size_t i = ray.next; i < ray.next + n; ++i) {
-      const size_t at = static_cast<size_t>(samples_used_) + i - ray.next;
-      sample.t = t_[i];
-      sample.delta = delta_[i];
-      sample.distance = static_cast<Real>(ray.start) + sample.t;
-      // Neighbours wind against each other, half a step apart.
-      sample.reversed = (i - ray.begin) % 2 == 1;
-      sample.cosine = sample.reversed ? std::sqrt(3.0_r) / 2 : 1;
-      sample.sine = sample.reversed ? 0.5_r : 0;
-      place_points(field_, sample, kChunkSamples, x_.data() + at, y_.data() + at, z_.data() + at,
-                   field_.options.antialias ? spread_.data() + at : nullptr);
-    }
-  }
-
   void flush() {
     if (parts_ == 0) return;
     const int64_t padded = round_up(samples_used_, kLane);
     for (int64_t i = samples_used_; i < padded; ++i) {
-      for (int64_t j = 0; j < field_.options.cone_points; ++j) {
-        const size_t at = static_cast<size_t>(j * kChunkSamples + i);
-        x_[at] = y_[at] = z_[at] = 0.5_r;
-        spread_[at] = 0;
-      }
+      const size_t at = static_cast<size_t>(i);
+      x_[at] = y_[at] = z_[at] = 0.5_r;
       delta_row_[i] = 0;
     }
     chunk_.samples = samples_used_;
     chunk_.rays = parts_;
     chunk_.ray_begin = ray_begin_.data();
-    encode(field_,
-           {x_.data(), y_.data(), z_.data(), field_.options.antialias ? spread_.data() : nullptr,
-            field_.options.cone_points, kChunkSamples},
-           samples_used_, chunk_.data(tape_.features), chunk_.stride(tape_.features));
+    encode(field_, {x_.data(), y_.data(), z_.data()}, samples_used_, chunk_.data(tape_.features),
+           chunk_.stride(tape_.features));
     tape_.forward_density(chunk_);
     opacity(samples_used_, chunk_.data(tape_.density), delta_row_, alphas_.data());
     const size_t features = geometry_features();
@@ -275,7 +246,6 @@ class TileRenderer {
 
   // Takes in what the network said of a part of a ray.
   void composite(int part, const Real* alphas) {
-    const bool per_ray = field_.options.colour_per_ray;
     const size_t features = geometry_features(), r = part_ray_[part];
     TileRay& ray = rays_[r];
     Real* const sums = geometry_sums_.data() + r * features;
@@ -287,10 +257,10 @@ class TileRenderer {
     for (int i = begin; i < end; ++i) {
       const double alpha = alphas[i];
       const Real w = static_cast<Real>(transmittance * alpha);
-      if (!per_ray && unshaded + w <= options_.unshaded) {
+      if (unshaded + w <= options_.unshaded) {
         unshaded += w;
       } else {
-        if (!per_ray && shared + w > options_.shared_colour) {
+        if (shared + w > options_.shared_colour) {
           add_shaded(r, shared);
           shared = 0;
         }
@@ -307,7 +277,7 @@ class TileRenderer {
     ray.unshaded = unshaded;
     ray.shared = shared;
     if (ray.next < ray.end && !(transmittance < options_.stop_transmittance)) return;
-    if (!per_ray || 1 - transmittance > options_.unshaded) add_shaded(r, shared);
+    add_shaded(r, shared);
     finish(ray);
   }
 
@@ -326,9 +296,7 @@ class TileRenderer {
         shading_.data(tape_.directions)[k * kChunkRays + shaded_rays_] = ray.direction[k];
       shaded_begin_[static_cast<size_t>(shaded_rays_++)] = shaded_;
     }
-    // One colour for the whole ray is that of the sum, not of the mean.
-    const bool per_ray = field_.options.colour_per_ray;
-    const Real scale = per_ray ? 1 : 1 / shared;
+    const Real scale = 1 / shared;
     Real* to = shaded_geometry_.data() + static_cast<size_t>(shaded_) * geometry_features();
     Real* sums = geometry_sums_.data() + r * geometry_features();
     for (size_t f = 0; f < geometry_features(); ++f) {
@@ -336,8 +304,7 @@ class TileRenderer {
       sums[f] = 0;
     }
     shaded_pixel_[static_cast<size_t>(shaded_)] = ray.pixel;
-    shaded_weight_[static_cast<size_t>(shaded_)] =
-        per_ray ? static_cast<Real>(1 - ray.transmittance) : shared;
+    shaded_weight_[static_cast<size_t>(shaded_)] = shared;
     ++shaded_;
   }
 
@@ -384,7 +351,7 @@ class TileRenderer {
   Real *delta_row_ = nullptr, *direction_rows_ = nullptr;  // inputs of chunk_
   RaySampler sampler_;
   RaySamples samples_;
-  AlignedArray<Real> x_, y_, z_, spread_;  // [GridOptions::cone_points][kChunkSamples]
+  AlignedArray<Real> x_, y_, z_;  // [kChunkSamples]
   AlignedArray<Real> alphas_{kChunkSamples};
   static constexpr int kBlock = 8;       // pixels along the side of a part of a tile
   static constexpr size_t kStretch = 6;  // samples of a ray that are asked for at a time

@@ -25,8 +25,10 @@ Real GridTrainer::rate_at(int64_t step) const {
 AdamStep GridTrainer::adam_at(int64_t step) const {
   const double progress = progress_at(step);
   return {.rate = rate_at(step),
-          .beta1 = static_cast<Real>(std::lerp(options.beta1, options.final_beta1, progress)),
-          .beta2 = static_cast<Real>(std::lerp(options.beta2, options.final_beta2, progress))};
+          .beta1 = static_cast<Real>(
+              std::lerp(options.grid_recipe.beta1, options.grid_recipe.final_beta1, progress)),
+          .beta2 = static_cast<Real>(
+              std::lerp(options.grid_recipe.beta2, options.grid_recipe.final_beta2, progress))};
 }
 
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
@@ -38,25 +40,11 @@ Real GridTrainer::samples_per_cell_at(int64_t step, const TrainingPlan& plan) co
   // on how long the run goes on after that; an unbounded one gains from more rays to the end.
   double progress = plan.progress_at(step);
   if (!field.unbounded) {
-    const double seen = static_cast<double>(step) * options.batch_samples;
+    const double seen = static_cast<double>(step) * options.grid_recipe.batch_samples;
     progress = std::max(progress, std::min(1.0, seen / kSamplesUntilSharp));
   }
   return options.grid.sampler.samples_per_cell *
-         static_cast<Real>(std::lerp(options.early_samples, 1.0, progress * progress));
-}
-
-// Resolutions in use: the coarser half at first.
-int64_t GridTrainer::levels_at(int64_t step) const {
-  const int64_t all = static_cast<int64_t>(field.shape.levels.size());
-  if (options.late_levels <= 0) return all;
-  const double share = std::min(1.0, progress_at(step) / options.late_levels);
-  return all - all / 2 + static_cast<int64_t>(share * static_cast<double>(all / 2));
-}
-
-int GridTrainer::pixel_block_at(int64_t step) const {
-  const double progress = progress_at(step);
-  if (progress >= options.coarse_photos) return 1;
-  return progress < options.coarse_photos / 2 ? 4 : 2;
+         static_cast<Real>(std::lerp(options.grid_recipe.early_samples, 1.0, progress * progress));
 }
 
 double GridTrainer::late_saving_seconds() {
@@ -74,10 +62,9 @@ double GridTrainer::late_saving_seconds() {
     for (int i = 0; i < kRepeats; ++i) {
       const double begin = seconds_now();
       // Other rays each time: the same again would find their photos' memory in a cache.
-      maker.fill(options.seed ^ salt, step++, static_cast<int64_t>(rays), samples,
-                 pixel_block_at(done), batch);
+      maker.fill(options.seed ^ salt, step++, static_cast<int64_t>(rays), samples, batch);
       const double drawn = seconds_now();
-      encode_batch(levels_at(done));
+      encode_batch();
       least.draw = std::min(least.draw, drawn - begin);
       least.encode = std::min(least.encode, seconds_now() - drawn);
       rays = std::min(capacity, capacity * static_cast<double>(batch.rays_considered) /
@@ -96,7 +83,7 @@ double GridTrainer::late_saving_seconds() {
 }
 
 double GridTrainer::colour_seconds() const {
-  if (options.shared_colour <= 0 || options.grid.colour_per_ray) return 0;
+  if (options.grid_recipe.shared_colour <= 0) return 0;
   const auto products = [](const std::vector<LinearWeights>& layers) {
     double sum = 0;
     for (const LinearWeights& w : layers) sum += static_cast<double>(w.in) * w.out;

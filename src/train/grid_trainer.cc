@@ -58,12 +58,13 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
       optimiser(field),
       tape(field, /*training=*/true,
-           {static_cast<Real>(o.huber_delta), /*on_weights=*/distortion > 0,
-            static_cast<Real>(o.shared_colour), static_cast<Real>(o.stop_transmittance),
-            static_cast<Real>(o.gradient_roulette)}),
-      errors(p, s.train, static_cast<Real>(o.error_guidance)),
+           {static_cast<Real>(o.grid_recipe.huber_delta), /*on_weights=*/distortion > 0,
+            static_cast<Real>(o.grid_recipe.shared_colour),
+            static_cast<Real>(o.grid_recipe.stop_transmittance),
+            static_cast<Real>(o.grid_recipe.gradient_roulette)}),
+      errors(p, s.train, static_cast<Real>(o.grid_recipe.error_guidance)),
       maker(source, errors, field, distortion > 0, t),
-      batch(std::max(1, o.batch_samples / kChunkSamples), o.grid.cone_points) {
+      batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
   d_features = AlignedArray<Real>(features.size());
@@ -95,16 +96,14 @@ void GridTrainer::initialise() {
       if (field.occupancy.cascade_of(centre) < c) field.occupancy.switch_off(c, i);
     }
   switch_off_impossible_cells(scene, photos, options, pool, field.occupancy);
-  if (!options.keep_free) switch_off_free_space(scene, photos, pool, field.occupancy);
-  field.occupancy.rebuild(static_cast<Real>(options.occupancy_threshold), &pool);
+  if (!options.grid_recipe.keep_free) switch_off_free_space(scene, photos, pool, field.occupancy);
+  field.occupancy.rebuild(static_cast<Real>(options.grid_recipe.occupancy_threshold), &pool);
   pack();
 }
 
 GridPoints GridTrainer::points_of(int64_t chunk) const {
-  const int64_t at = chunk * batch.points * kChunkSamples;
-  return {batch.x.data() + at, batch.y.data() + at,
-          batch.z.data() + at, field.options.antialias ? batch.spread.data() + at : nullptr,
-          batch.points,        kChunkSamples};
+  const int64_t at = chunk * kChunkSamples;
+  return {batch.x.data() + at, batch.y.data() + at, batch.z.data() + at};
 }
 
 StepReport GridTrainer::step() {
@@ -113,11 +112,10 @@ StepReport GridTrainer::step() {
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));
-  maker.fill(seed, done, rays, samples_per_cell_at(done), pixel_block_at(done), batch);
+  maker.fill(seed, done, rays, samples_per_cell_at(done), batch);
   lap.into(profile.rays);
 
-  const int64_t levels_on = levels_at(done);
-  encode_batch(levels_on);
+  encode_batch();
   lap.into(profile.encode);
   const double network_before = profile.network, table_before = profile.scatter;
   run_chunks();
@@ -140,9 +138,9 @@ StepReport GridTrainer::step() {
   report.rate = rate_at(done);
   update_networks();
   lap.into(profile.update);
-  update_table(levels_on);
-  report.rows = std::accumulate(optimiser.listed_count.begin(),
-                                optimiser.listed_count.begin() + levels_on, int64_t{0});
+  update_table();
+  report.rows =
+      std::accumulate(optimiser.listed_count.begin(), optimiser.listed_count.end(), int64_t{0});
   lap.into(profile.scatter);
 
   const double seen = static_cast<double>(batch.total_samples) /
@@ -162,20 +160,16 @@ StepReport GridTrainer::step() {
   return report;
 }
 
-void GridTrainer::encode_batch(int64_t levels_on) {
+void GridTrainer::encode_batch() {
   const int64_t ld = kChunkSamples;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
   const int64_t rows = field.shape.features_per_entry();
   each_level_of_chunks(pool, level_count, batch.chunks,
                        [&](int64_t l, int64_t first, int64_t last) {
-                         for (int64_t c = first; c < last; ++c) {
-                           Real* to = features.data() + (c * level_count + l) * rows * ld;
-                           if (l < levels_on)
-                             encode_level(field, static_cast<size_t>(l), points_of(c),
-                                          batch.samples[static_cast<size_t>(c)], to, ld);
-                           else
-                             std::fill_n(to, rows * ld, 0.0_r);
-                         }
+                         for (int64_t c = first; c < last; ++c)
+                           encode_level(field, static_cast<size_t>(l), points_of(c),
+                                        batch.samples[static_cast<size_t>(c)],
+                                        features.data() + (c * level_count + l) * rows * ld, ld);
                        });
 }
 
@@ -265,14 +259,13 @@ void GridTrainer::update_networks() {
   check_gradient();
 
   AdamStep adam = adam_at(done);
-  adam.rate *= static_cast<Real>(options.network_rate);
-  adam.l2 = static_cast<Real>(options.network_l2);
+  adam.rate *= static_cast<Real>(options.grid_recipe.network_rate);
   adam_dense(adam, done + 1, static_cast<int64_t>(n), gradient, optimiser.network_m.data(),
              optimiser.network_v.data(), field.weights.data());
   pack();
 }
 
-void GridTrainer::update_table(int64_t levels_on) {
+void GridTrainer::update_table() {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
   const AdamStep step = adam_at(done);
@@ -295,28 +288,29 @@ void GridTrainer::update_table(int64_t levels_on) {
   };
   // A level's gradient is still in a cache right after it was summed; with many threads the levels
   // are too few to share the optimiser's work.
-  const bool at_once = 2 * pool.size() <= levels_on;
+  const bool at_once = 2 * pool.size() <= levels;
   // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
   // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
-  pool.parallel_for(levels_on + 2, [&](int64_t i) {
-    if (i == levels_on) return observe_samples();
-    if (i > levels_on) return observe_errors();
-    const int64_t l = levels_on - 1 - i;
+  pool.parallel_for(levels + 2, [&](int64_t i) {
+    if (i == levels) return observe_samples();
+    if (i > levels) return observe_errors();
+    const int64_t l = levels - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     Real* const gradient = optimiser.table_gradient.data() + level.begin();
     uint8_t* const marks = optimiser.marks.data() + level.offset;
-    for (int64_t c = 0; c < batch.chunks; ++c)
-      encode_level_backward(
-          field, static_cast<size_t>(l), points_of(c), chunk_kept[static_cast<size_t>(c)],
-          d_features.data() + (c * levels + l) * level.features * ld, ld, gradient, marks);
-    if (options.every_row) std::fill_n(marks, level.entries, uint8_t{1});
+    for (int64_t c = 0; c < batch.chunks; ++c) {
+      const GridPoints p = points_of(c);
+      hash_grid_backward(level, p.x, p.y, p.z, chunk_kept[static_cast<size_t>(c)],
+                         d_features.data() + (c * levels + l) * level.features * ld, ld, gradient,
+                         marks);
+    }
     int64_t& count = optimiser.listed_count[static_cast<size_t>(l)];
     count = list_rows(level.entries, marks, list_of(l));
     if (at_once) adam(l, 0, count);
   });
   if (at_once) return;
   constexpr int64_t kRows = 8192;
-  for (int64_t l = 0; l < levels_on; ++l) {
+  for (int64_t l = 0; l < levels; ++l) {
     const int64_t count = optimiser.listed_count[static_cast<size_t>(l)];
     pool.parallel_for((count + kRows - 1) / kRows,
                       [&](int64_t i) { adam(l, i * kRows, std::min(kRows, count - i * kRows)); });

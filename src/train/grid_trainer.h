@@ -59,11 +59,9 @@ struct GridTrainer final : TrainerImpl {
   Real samples_per_cell_at(int64_t step, const TrainingPlan& plan) const;
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
   double colour_seconds() const;
-  int64_t levels_at(int64_t step) const;
-  int pixel_block_at(int64_t step) const;
   GridPoints points_of(int64_t chunk) const;
   void pack();  // after every change of the networks' weights
-  void encode_batch(int64_t levels_on);
+  void encode_batch();
   void run_chunks();
   void add_distortion(Chunk& chunk, int64_t first_sample);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
@@ -75,7 +73,7 @@ struct GridTrainer final : TrainerImpl {
   void update_networks();
   void check_gradient() const;  // of the networks, reduced
   // The table's gradient and its optimiser; what the step has seen of occupancy and errors besides.
-  void update_table(int64_t levels_on);
+  void update_table();
   void refresh_occupancy();
   void initialise();
 

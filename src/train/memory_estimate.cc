@@ -4,8 +4,8 @@
 #include "nerf/kernels/encoding.h"
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/train/evaluation.h"
-#include "nerf/train/run.h"
 #include "train/grid_trainer.h"
+#include "train/method_rows.h"
 #include "train/network_trainer.h"
 
 namespace nerf {
@@ -20,8 +20,11 @@ uint64_t network_weights(uint64_t in, uint64_t hidden, uint64_t layers, uint64_t
   return in * hidden + (layers - 1) * hidden * hidden + hidden * out;
 }
 
+}  // namespace
+
 // Follows the members of NetworkTrainer.
-uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
+uint64_t internal::network_memory_bytes(const TrainOptions& options, bool /*unbounded*/,
+                                        int threads) {
   constexpr uint64_t kFloat = sizeof(Real);
   const uint64_t weights = place_networks(options.network).back().end;
   const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
@@ -37,11 +40,8 @@ uint64_t network_memory_bytes(const TrainOptions& options, int threads) {
          static_cast<uint64_t>(options.recipe.rays) * sizeof(NetworkRay);
 }
 
-}  // namespace
-
 // Follows the members of GridTrainer, in their order.
-uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
-  if (options.method != kGridMethod) return network_memory_bytes(options, threads);
+uint64_t internal::grid_memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
   constexpr uint64_t kFloat = sizeof(Real);
   const GridOptions& o = options.grid;
   const HashGridShape shape = hash_grid_shape(o);  // a resolution left open: the finest
@@ -80,10 +80,8 @@ uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int 
   // Of a sample: features with their gradient, position, width, cell, density, and once more what
   // its block of rays holds (with a vector's reserve). There may be as many rays as samples, each
   // with a record of some 100 bytes.
-  const uint64_t more_points = static_cast<uint64_t>(o.cone_points - 1) * 4 * (1 + 2) * kFloat;
-  const uint64_t sample =
-      2 * features * kFloat + 7 * kFloat + 2 * 6 * kFloat + 12 * kFloat + 100 + more_points;
-  const uint64_t batch = static_cast<uint64_t>(options.batch_samples) * sample;
+  const uint64_t sample = 2 * features * kFloat + 7 * kFloat + 2 * 6 * kFloat + 12 * kFloat + 100;
+  const uint64_t batch = static_cast<uint64_t>(options.grid_recipe.batch_samples) * sample;
 
   // Besides the trainer, at different times: a copy of the field with its table in half precision
   // and its levels compressed (a saved model), a checkpoint read whole, moments made anew.

@@ -6,6 +6,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/nearest_name.h"
+#include "nerf/train/run.h"
 #include "train/method_rows.h"
 
 namespace nerf {
@@ -86,10 +87,13 @@ void mipnerf360_paper(TrainOptions& o) {
   o.recipe.anneal = true;
 }
 
+using internal::kGridFamily;
+using internal::kNetworkFamily;
 constexpr MethodRow kRows[] = {
-    {"nerf", "Mildenhall et al. 2020", nerf_paper},
-    {"mipnerf", "Barron et al. 2021", mipnerf_paper},
-    {"mipnerf360", "Barron et al. 2022", mipnerf360_paper},
+    {kGridMethod, "Mueller et al. 2022", &kGridFamily, [](TrainOptions&) {}},
+    {"nerf", "Mildenhall et al. 2020", &kNetworkFamily, nerf_paper},
+    {"mipnerf", "Barron et al. 2021", &kNetworkFamily, mipnerf_paper},
+    {"mipnerf360", "Barron et al. 2022", &kNetworkFamily, mipnerf360_paper},
 };
 
 // What a smaller preset changes: widths, samples and rays, so that a step takes a fraction of a
@@ -114,69 +118,10 @@ void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
   o.recipe.anneal_steps = kAnnealSteps;
 }
 
-template <class E>
-std::string name_of(E value) {
-  return std::get<std::string>(OptionTraits<E>::to_value(value));
-}
-
-constexpr size_t kColumns = 11;
-using Line = std::array<std::string, kColumns>;
-
-Line grid_line() {
-  const TrainOptions o = method_options(kGridMethod, Scale::kPaper);
-  const GridOptions& g = o.grid;
-  Scene unbounded;
-  unbounded.unbounded = true;
-  std::string losses = fmt::format("Huber {}", o.huber_delta);
-  if (const double weight = distortion_weight(o, unbounded); weight > 0)
-    losses += fmt::format(", distortion {} unbounded", weight);
-  return {kGridMethod,
-          g.cone_points > 1 ? "cone" : "point",
-          "identity/contract",
-          fmt::format("hash grid {}x{}", g.levels, g.features),
-          fmt::format("up to {}", g.sampler.max_samples),
-          "occupancy march",
-          fmt::format("{}x{} + {}x{}", g.density_layers, g.hidden, g.colour_layers, g.hidden),
-          "exp",
-          "background",
-          losses,
-          "Mueller et al. 2022"};
-}
-
-std::string losses_of(const NetworkRecipe& r) {
-  std::string out = r.charbonnier > 0 ? fmt::format("Charbonnier {}", r.charbonnier) : "squared";
-  if (r.coarse > 0) out += fmt::format(", {} of coarse levels", r.coarse);
-  if (r.interlevel > 0) out += fmt::format(", interlevel {}", r.interlevel);
-  if (r.distortion > 0) out += fmt::format(", distortion {}", r.distortion);
-  return out;
-}
-
-Line line_of(const MethodRow& row) {
-  const TrainOptions o = internal::options_of(row, Scale::kPaper);
-  const NetworkOptions& n = o.network;
-  std::string samples;
-  for (int i = 0; i < n.sampling.rounds; ++i) samples += fmt::format("{}+", n.sampling.coarse);
-  samples += std::to_string(n.sampling.fine);
-  if (n.sampling.spacing == Spacing::kInverse) samples += " inverse";
-  std::string networks = fmt::format("{}x{}", n.depth, n.width);
-  if (!n.shared) networks = fmt::format("{}x{} + ", n.proposal_depth, n.proposal_width) + networks;
-  return {row.name,
-          name_of(n.cast),
-          name_of(n.space),
-          fmt::format("{} {}/{}", name_of(n.encoding), n.position_degrees, n.direction_degrees),
-          samples,
-          name_of(n.sampling.resampling),
-          networks,
-          name_of(n.density),
-          n.opaque_end ? "opaque end" : "background",
-          losses_of(o.recipe),
-          row.source};
-}
-
 }  // namespace
 
 std::vector<std::string> internal::method_choices() {
-  std::vector<std::string> names{kGridMethod};
+  std::vector<std::string> names;
   for (const MethodRow& row : kRows) names.emplace_back(row.name);
   return names;
 }
@@ -185,10 +130,18 @@ std::span<const MethodRow> internal::method_rows() { return kRows; }
 
 std::vector<std::string> method_names() { return internal::method_choices(); }
 
+const MethodRow& internal::method_row(const std::string& name) {
+  const auto row = std::ranges::find_if(kRows, [&](const MethodRow& r) { return r.name == name; });
+  if (row == std::end(kRows))
+    throw Error("'" + name + "' is no method", "--method", nearest_name_hint(name, method_names()));
+  return *row;
+}
+
 TrainOptions internal::options_of(const MethodRow& row, Scale scale) {
   TrainOptions o;
   o.method = row.name;
   row.paper(o);
+  if (row.family->one_preset) return o;
   // Narrow networks take so many more steps in the same time that they win (docs/benchmarks.md).
   if (scale == Scale::kSmall) shrink(o, 96, 2, 256);
   if (scale == Scale::kTiny) {
@@ -199,26 +152,60 @@ TrainOptions internal::options_of(const MethodRow& row, Scale scale) {
 }
 
 TrainOptions method_options(const std::string& method, Scale scale) {
-  if (method == kGridMethod) return {};
-  const auto row =
-      std::ranges::find_if(kRows, [&](const MethodRow& r) { return r.name == method; });
-  if (row == std::end(kRows))
-    throw Error("'" + method + "' is no method", "--method",
-                nearest_name_hint(method, method_names()));
-  return internal::options_of(*row, scale);
+  return internal::options_of(internal::method_row(method), scale);
+}
+
+bool has_scales(const std::string& method) {
+  return !internal::method_row(method).family->one_preset;
+}
+
+double default_minutes(const std::string& method, Scale scale) {
+  return internal::method_row(method).family->minutes(scale);
+}
+
+bool reads_option(const std::string& method, const std::string& option) {
+  const internal::MethodFamily* own = internal::method_row(method).family;
+  return std::ranges::none_of(kRows, [&](const MethodRow& row) {
+    return row.family != own && row.family->own_options().contains(option);
+  });
+}
+
+std::vector<std::string> unused_options(const TrainOptions& options,
+                                        const std::set<std::string>& given, const Scene& scene) {
+  std::vector<std::string> out;
+  for (const std::string& name : given)
+    if (!reads_option(options.method, name)) {
+      OptionField field;
+      field.name = name;
+      out.push_back(option_flag(field) + " is not used by --method " + options.method);
+    }
+  internal::family_of(options).unused(options, given, scene, out);
+  return out;
+}
+
+bool depends_on_length(const TrainOptions& options) {
+  return internal::family_of(options).depends_on_length(options);
+}
+
+bool learns_from_reduced_photos(const TrainOptions& options) {
+  return internal::family_of(options).learns_from_reduced_photos;
+}
+
+uint64_t training_memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
+  return internal::family_of(options).memory_bytes(options, unbounded, threads);
 }
 
 std::string internal::table_of(std::span<const MethodRow> rows) {
-  std::vector<Line> lines{{"method", "cast", "space", "encoding", "samples", "resampling",
-                           "networks", "density", "behind", "losses", "source"},
-                          grid_line()};
-  for (const MethodRow& row : rows) lines.push_back(line_of(row));
-  std::array<size_t, kColumns> widths{};
-  for (const Line& line : lines)
-    for (size_t i = 0; i < kColumns; ++i) widths[i] = std::max(widths[i], line[i].size());
+  std::vector<MethodLine> lines{{"method", "cast", "space", "encoding", "samples", "resampling",
+                                 "networks", "density", "behind", "losses", "source"}};
+  for (const MethodRow& row : rows) lines.push_back(row.family->line(row));
+  std::array<size_t, kMethodColumns> widths{};
+  for (const MethodLine& line : lines)
+    for (size_t i = 0; i < kMethodColumns; ++i) widths[i] = std::max(widths[i], line[i].size());
   std::string out;
-  for (const Line& line : lines) {
-    for (size_t i = 0; i + 1 < kColumns; ++i) out += fmt::format("{:<{}}  ", line[i], widths[i]);
+  for (const MethodLine& line : lines) {
+    for (size_t i = 0; i + 1 < kMethodColumns; ++i)
+      out += fmt::format("{:<{}}  ", line[i], widths[i]);
     out += line.back() + "\n";
   }
   return out;

@@ -72,7 +72,7 @@ void GridTrainer::refresh_occupancy() {
   constexpr int64_t kBlock = kChunkSamples;
   pool.parallel_for_thread((points + kBlock - 1) / kBlock, [&](int64_t block, int thread) {
     Chunk& chunk = *workers[static_cast<size_t>(thread)];
-    alignas(64) Real x[kBlock], y[kBlock], z[kBlock], spread[kBlock];
+    alignas(64) Real x[kBlock], y[kBlock], z[kBlock];
     int32_t cascade[kBlock];
     int64_t cell[kBlock];
     int n = 0;
@@ -99,10 +99,7 @@ void GridTrainer::refresh_occupancy() {
     std::fill(x + n, x + round_up(n, kLane), 0.5_r);
     std::fill(y + n, y + round_up(n, kLane), 0.5_r);
     std::fill(z + n, z + round_up(n, kLane), 0.5_r);
-    // As wide as the pixels' cones are in the mean: finer detail than that was never seen.
-    std::fill(spread, spread + kBlock, batch.mean_spread);
-    encode(field, x, y, z, field.options.antialias ? spread : nullptr, n, chunk.data(tape.features),
-           chunk.stride(tape.features));
+    encode(field, {x, y, z}, n, chunk.data(tape.features), chunk.stride(tape.features));
     chunk.weights = field.weights.data();
     chunk.samples = n;
     chunk.rays = 0;
@@ -111,7 +108,7 @@ void GridTrainer::refresh_occupancy() {
     for (int k = 0; k < n; ++k)
       grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
   });
-  grid.rebuild(static_cast<Real>(options.occupancy_threshold), &pool);
+  grid.rebuild(static_cast<Real>(options.grid_recipe.occupancy_threshold), &pool);
 }
 
 }  // namespace nerf

@@ -67,14 +67,14 @@ void PixelSource::choose(Random& random, Pixel& out) const {
   }
 }
 
-bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out, int block) const {
+bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out) const {
   bool found = false;
-  locate(std::span(&random, 1), errors, std::span(&out, 1), std::span(&found, 1), block);
+  locate(std::span(&random, 1), errors, std::span(&out, 1), std::span(&found, 1));
   return found;
 }
 
 void PixelSource::locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
-                         std::span<bool> found, int block) const {
+                         std::span<bool> found) const {
   constexpr int kMostTries = 16;  // bounds the time where nearly everything is learnt
   const bool guided = errors && !errors->keeps_all();
   const auto propose = [&](size_t i) {
@@ -99,16 +99,7 @@ void PixelSource::locate(std::span<Random> randoms, const ErrorMap* errors, std:
       any = true;
     }
   }
-  for (size_t i = 0; i < out.size(); ++i) {
-    Pixel& pixel = out[i];
-    if (block > 1) {
-      pixel.x -= pixel.x % block;
-      pixel.y -= pixel.y % block;
-      pixel.width = std::min(block, pixel.photo->width - pixel.x);
-      pixel.height = std::min(block, pixel.photo->height - pixel.y);
-    }
-    found[i] = cast(pixel);
-  }
+  for (size_t i = 0; i < out.size(); ++i) found[i] = cast(out[i]);
 }
 
 bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {
@@ -140,31 +131,11 @@ bool PixelSource::cast(Pixel& out) const {
 }
 
 bool PixelSource::read(Pixel& out) const {
-  if (out.width > 1 || out.height > 1) return read_block(out);
   if (out.photo->masked_out(out.x, out.y)) return false;
   Real rgba[4];
   out.photo->pixel(out.x, out.y, rgba);
   std::copy(rgba, rgba + 3, out.rgb);
   out.alpha = rgba[3];
-  return true;
-}
-
-// The mean of what the masks keep, colours weighted by their alpha.
-bool PixelSource::read_block(Pixel& out) const {
-  Real sum[4] = {0, 0, 0, 0};
-  int count = 0;
-  for (int y = out.y; y < out.y + out.height; ++y)
-    for (int x = out.x; x < out.x + out.width; ++x) {
-      if (out.photo->masked_out(x, y)) continue;
-      Real rgba[4];
-      out.photo->pixel(x, y, rgba);
-      for (int k = 0; k < 3; ++k) sum[k] += rgba[k] * rgba[3];
-      sum[3] += rgba[3];
-      ++count;
-    }
-  if (count == 0) return false;
-  for (int k = 0; k < 3; ++k) out.rgb[k] = sum[3] > 0 ? sum[k] / sum[3] : 0.0_r;
-  out.alpha = sum[3] / static_cast<Real>(count);
   return true;
 }
 

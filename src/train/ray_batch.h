@@ -27,14 +27,13 @@ class PixelSource {
     Real alpha;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
-    int width = 1, height = 1;  // of a block of pixels, from (x, y) on
-    int32_t tile = 0;           // of the error map
-    Real weight = 1;            // of its error: the area of the pixel
-    size_t source = 0;          // the i-th training photo
+    int32_t tile = 0;   // of the error map
+    Real weight = 1;    // of its error: the area of the pixel
+    size_t source = 0;  // the i-th training photo
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
 
-    Vec2d centre() const { return {x + 0.5 * width, y + 0.5 * height}; }
+    Vec2d centre() const { return {x + 0.5, y + 0.5}; }
   };
   // A pixel drawn uniformly over all training photos (in panoramas over the sphere); false where it
   // is masked out or the lens has no ray for it (the draw then counts as nothing).
@@ -49,18 +48,15 @@ class PixelSource {
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
   // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
   // second reads colour and mask.
-  // With `block` above 1 the pixel is the block of so many pixels across that it lies in: the ray
-  // goes through the block's middle and carries its mean.
-  bool locate(Random& random, const ErrorMap* errors, Pixel& out, int block = 1) const;
+  bool locate(Random& random, const ErrorMap* errors, Pixel& out) const;
   // Of as many pixels, each with its own random numbers; found[i] says whether there is a ray.
   void locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
-              std::span<bool> found, int block) const;
+              std::span<bool> found) const;
   bool read(Pixel& out) const;
 
  private:
   void choose(Random& random, Pixel& out) const;
   bool cast(Pixel& out) const;
-  bool read_block(Pixel& out) const;
 
   const PhotoSet& photos_;
   const std::vector<int>& views_;        // Scene::train
@@ -76,15 +72,12 @@ class PixelSource {
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,
 // ...).
 struct RayBatch {
-  RayBatch(int max_chunks, int points_per_sample);
+  explicit RayBatch(int max_chunks);
 
   int max_chunks;
-  int points;  // of each sample, GridOptions::cone_points
   int chunks = 0;
-  // Of points, [chunk][points][kChunkSamples]: grid coordinates, [0, 1], and how wide the pixel's
-  // cone is, see cone_spread() (GridOptions::antialias).
-  AlignedArray<Real> x, y, z, spread;
-  AlignedArray<Real> delta;
+  // Of samples, [chunk][kChunkSamples]: grid coordinates, [0, 1], and the interval's length.
+  AlignedArray<Real> x, y, z, delta;
   // Of the samples' intervals in inverse distance, 1 - 1 / (1 + engine units from the camera):
   // [0, 1]. For losses on weights only.
   AlignedArray<Real> middle, width;
@@ -98,15 +91,14 @@ struct RayBatch {
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
-  Real mean_spread = 0;  // over the samples
   struct EmptyRay {
     int32_t tile;
     Real squared_error;  // summed over channels
   };
   std::vector<EmptyRay> empty_rays;  // those that met no matter
 
-  // Moves the points of `count` samples of a chunk, `kept` in ascending order, to its front;
-  // nothing else of them.
+  // Moves the grid coordinates of `count` samples of a chunk, `kept` in ascending order, to its
+  // front; nothing else of them.
   void keep_points(int chunk, const int32_t* kept, int64_t count);
 
   Real* direction_of(int chunk) { return direction.data() + int64_t{chunk} * 3 * kChunkRays; }
@@ -120,9 +112,7 @@ class RayBatchMaker {
   // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
                 bool intervals, ThreadPool& pool);
-  // `pixel_block`: see PixelSource::locate.
-  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, int pixel_block,
-            RayBatch& batch);
+  void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch);
 
  private:
   struct RayRecord {
@@ -136,16 +126,15 @@ class RayBatchMaker {
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
   struct Block {
-    std::vector<Real> x, y, z, spread, delta, middle, width, cell_width;
+    std::vector<Real> x, y, z, delta, middle, width, cell_width;
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };
-  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int pixel_block,
-                  int thread);
-  // Appends a ray's samples to the block. `sample` has what they share, `start` is the distance of
-  // its entry from the camera.
-  void place_samples(ConeSample& sample, Real start, const RaySamples& samples, Random& random,
-                     Block& block);
+  void draw_block(uint64_t seed, int64_t step, int64_t index, int64_t rays, int thread);
+  // Appends a ray's samples, at entry + t direction, to the block. `start` is the distance of the
+  // entry from the camera.
+  void place_samples(const Vec3& entry, const Vec3& direction, Real start,
+                     const RaySamples& samples, Block& block);
   void copy_block(Block& block, RayBatch& batch);
 
   const PixelSource& source_;

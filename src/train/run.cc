@@ -10,6 +10,7 @@
 #include "model/json_fields.h"
 #include "nerf/base/error.h"
 #include "nerf/math/random.h"
+#include "nerf/train/methods.h"
 #include "train/run_speed.h"
 
 namespace nerf {
@@ -96,8 +97,7 @@ class Run {
       throw Error(
           "a budget of minutes fixes the number of steps within the hold, which is too short",
           "--hold", "give at least 0.02, or --steps");
-    const NetworkRecipe& recipe = trainer_.options().recipe;
-    if (trainer_.options().method != kGridMethod && recipe.anneal && recipe.anneal_steps == 0)
+    if (depends_on_length(trainer_.options()))
       throw Error("a budget of minutes does not know at first how many steps there are",
                   "--recipe-anneal-steps 0", "give a number from 1 on, or --steps");
     trainer_.set_planned_steps(kNoPlan);

@@ -3,10 +3,13 @@
 #include <algorithm>
 
 #include "nerf/base/error.h"
-#include "train/grid_trainer.h"
-#include "train/network_trainer.h"
+#include "nerf/train/methods.h"
+#include "train/method_rows.h"
+#include "train/trainer_impl.h"
 
 namespace nerf {
+
+template CollectedOptions collect_options(TrainOptions&);
 
 namespace {
 
@@ -19,9 +22,7 @@ TrainOptions validated(TrainOptions options) {
 
 std::unique_ptr<TrainerImpl> make_trainer(const Scene& scene, const PhotoSet& photos,
                                           const TrainOptions& options, ThreadPool& pool) {
-  if (options.method == kGridMethod)
-    return std::make_unique<GridTrainer>(scene, photos, options, pool);
-  return std::make_unique<NetworkTrainer>(scene, photos, options, pool);
+  return internal::family_of(options).make_trainer(scene, photos, options, pool);
 }
 
 }  // namespace
@@ -32,13 +33,7 @@ void TrainOptions::check_options() const {
   if (!plan_changes.list.empty() && steps <= plan_changes.list.back().step)
     throw Error("the length of the training changes at a step that it does not have",
                 "--plan-changes", "give --steps too, above the last STEP");
-  if (method == kGridMethod || network.sampling.rounds == 0 || network.shared) return;
-  const bool bounded =
-      network.sampling.resampling == Resampling::kProposal && recipe.interlevel > 0;
-  if (!bounded && !(recipe.coarse > 0 && network.proposal_colour))
-    throw Error("no loss would train the network that samples are drawn from",
-                "--recipe-coarse, --recipe-interlevel",
-                "give the first above 0, or with proposal resampling the second");
+  internal::family_of(*this).check(*this);
 }
 
 Vec3 background_of(const TrainOptions& options, const Scene& scene) {
@@ -47,11 +42,7 @@ Vec3 background_of(const TrainOptions& options, const Scene& scene) {
 
 double distortion_weight(const TrainOptions& options, const Scene& scene) {
   constexpr double kUnbounded = 0.02;  // docs/benchmarks.md, "What changed the quality"
-  return options.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
-}
-
-bool learns_from_reduced_photos(const TrainOptions& options) {
-  return options.method != kGridMethod || options.grid.sees_cones();
+  return options.grid_recipe.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
 }
 
 TrainingPlan TrainOptions::plan() const { return {steps, hold, plan_changes}; }
@@ -82,9 +73,7 @@ const GridField& Trainer::field() const {
 }
 void Trainer::set_planned_steps(int64_t steps) {
   TrainOptions& o = impl_->options;
-  const bool anneals_to_the_end =
-      o.method != kGridMethod && o.recipe.anneal && o.recipe.anneal_steps == 0;
-  o.plan_changes = o.plan().changed(impl_->done, steps, anneals_to_the_end).changes;
+  o.plan_changes = o.plan().changed(impl_->done, steps, depends_on_length(o)).changes;
   o.steps = steps;
 }
 

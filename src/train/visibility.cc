@@ -242,19 +242,20 @@ void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                             photos.cameras[static_cast<size_t>(v)]));
   }
   std::vector<AlphaTable> tables;
-  if (scene.alpha && !options.keep_transparent) {
+  if (scene.alpha && !options.grid_recipe.keep_transparent) {
     tables.resize(eyes.size());
     pool.parallel_for(static_cast<int64_t>(tables.size()), [&](int64_t i) {
       tables[static_cast<size_t>(i)] = AlphaTable(photos.photos[views[static_cast<size_t>(i)]]);
     });
   }
-  if (options.keep_unseen && tables.empty()) return;
+  if (options.grid_recipe.keep_unseen && tables.empty()) return;
 
   const int cubes = grid.side() / Carver::kSide;
   const int64_t cubes_of_cascade = int64_t{cubes} * cubes * cubes;
   pool.parallel_for(grid.cascades() * cubes_of_cascade, [&](int64_t i) {
     const int at = static_cast<int>(i % cubes_of_cascade);
-    Carver(eyes, tables, options.keep_unseen, static_cast<int>(i / cubes_of_cascade), grid)
+    Carver(eyes, tables, options.grid_recipe.keep_unseen, static_cast<int>(i / cubes_of_cascade),
+           grid)
         .carve({at % cubes * Carver::kSide, at / cubes % cubes * Carver::kSide,
                 at / cubes / cubes * Carver::kSide});
   });

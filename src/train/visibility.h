@@ -14,10 +14,10 @@ namespace nerf {
 // photos leave too little to ask for more than one.
 inline int matte_agreement(size_t photos) { return 1 + (photos >= 10) + (photos >= 50); }
 
-// Switches off the cells that no training camera sees (unless options.keep_unseen), and with alpha
-// those outside the visual hull (unless options.keep_transparent): what matte_agreement() photos
-// show as wholly transparent, or all that see it, is empty (the footprint of a cell is taken
-// generously).
+// Switches off the cells that no training camera sees (unless options.grid_recipe.keep_unseen), and
+// with alpha those outside the visual hull (unless options.grid_recipe.keep_transparent): what
+// matte_agreement() photos show as wholly transparent, or all that see it, is empty (the footprint
+// of a cell is taken generously).
 void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                                  const TrainOptions& options, ThreadPool& pool,
                                  OccupancyGrid& grid);

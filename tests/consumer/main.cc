@@ -67,7 +67,7 @@ void use_training(const char* folder) {
   const nerf::PhotoSet photos = nerf::load_photos(scene, pool);
   nerf::TrainOptions options;
   options.steps = 20;
-  options.batch_samples = 2400;
+  options.grid_recipe.batch_samples = 2400;
   options.grid.levels = 4;
   options.grid.log2_entries = 12;
   options.grid.hidden = 16;

@@ -21,16 +21,13 @@ using test::small_options;
 // The whole model from features to the loss: its values, and its gradients by features and weights.
 TEST(GridTape, GradientOfTheWholeModel) {
   constexpr Real kShared = 0.05_r, kStop = 0.4_r;
-  for (const auto& [density_layers, colour_layers, on_weights, per_ray, shared] :
-       {std::tuple{1, 1, false, false, false},
-        {2, 2, false, false, false},
-        {1, 1, true, false, false},
-        {1, 2, false, true, false},
-        {1, 1, true, true, false},
-        {1, 2, false, false, true},
-        {1, 1, true, false, true}}) {
-    GridOptions options = small_options(density_layers, colour_layers);
-    options.colour_per_ray = per_ray;
+  for (const auto& [density_layers, colour_layers, on_weights, shared] :
+       {std::tuple{1, 1, false, false},
+        {2, 2, false, false},
+        {1, 1, true, false},
+        {1, 2, false, true},
+        {1, 1, true, true}}) {
+    const GridOptions options = small_options(density_layers, colour_layers);
     const GridField field(options, false, 1);
     const GridTape tape(field, /*training=*/true,
                         {.huber_delta = 0.1_r,
@@ -64,15 +61,7 @@ TEST(GridTape, GradientOfTheWholeModel) {
                                                        v.weights, field.colour_layers));
           };
           Columns<T> pixel;
-          if (per_ray) {
-            const auto w = on_columns::render_weights(density, v[2], v.rays, false);
-            const auto sums = on_columns::sum_along_rays(
-                w, h, v.rays, static_cast<size_t>(options.geometry_features));
-            const auto colour = colour_of(on_columns::slice(sums, 0, options.geometry_features),
-                                          on_columns::view_code_of_rays(v[1]));
-            pixel = on_columns::over(colour, on_columns::slice(sums, options.geometry_features, 1),
-                                     v[3]);
-          } else if (shared) {
+          if (shared) {
             const auto most = static_cast<double>(kShared), stop = static_cast<double>(kStop);
             const auto w = on_columns::render_weights(density, v[2], v.rays, false);
             const Rays groups = on_columns::groups_of_rays(w, v.rays, most, stop);
@@ -166,141 +155,6 @@ TEST(GridTape, PartialForwardsAndWeights) {
   });
 }
 
-// What a Gaussian leaves of a resolution: all of it where the Gaussian is a point, nothing where it
-// is far wider than a cell, in between nearly erf(1 / (sqrt(8) sigma n)).
-TEST(GridField, WideConesFadeFineResolutions) {
-  GridOptions options = small_options(1, 1);
-  options.levels = 4;
-  options.antialias = true;
-  const GridField field(options, false, 1);
-  Random random(94, 0, 0);
-  constexpr int kSamples = 37;
-  AlignedArray<Real> spread(64);
-  for (int i = 0; i < kSamples; ++i)
-    spread[static_cast<size_t>(i)] = i < 2 ? 0.0_r : std::exp2(-14 + 0.4_r * static_cast<Real>(i));
-  for (const HashGridLevel& level : field.shape.levels) {
-    const Matrix before(level.features, kSamples, random, -1, 1);
-    Matrix after = before;
-    fade_level(level, spread.data(), kSamples, after.data.data(), after.ld);
-    after.expect_untouched_beyond_padding();
-    Real last = 1;
-    for (int i = 0; i < kSamples; ++i) {
-      const double s = static_cast<double>(spread[static_cast<size_t>(i)]);
-      const double x = 1 / (std::sqrt(8.0) * s * static_cast<double>(level.scale));
-      const double want = std::sqrt(-std::expm1(-4 * x * x / 3.14159265358979));
-      for (int f = 0; f < level.features; ++f) {
-        const double got = static_cast<double>(after.at(f, i));
-        const double all = static_cast<double>(before.at(f, i));
-        EXPECT_NEAR(got, want * all, 8 * kRoundoff * std::fabs(all)) << s;
-        EXPECT_NEAR(got, std::erf(x) * all, 0.0065 * std::fabs(all)) << s;
-      }
-      const Real share = after.at(0, i) / before.at(0, i);
-      EXPECT_LE(share, last * 1.000001_r);
-      last = share;
-    }
-    EXPECT_EQ(after.at(0, 0), before.at(0, 0));
-    EXPECT_LT(last, 0.15_r);
-  }
-}
-
-// Six points of a cone: features are the mean of what each would have alone, and the gradient is
-// the adjoint of that.
-TEST(GridField, FeaturesOfAConeAreMeans) {
-  for (const bool antialias : {false, true}) {
-    GridOptions options = small_options(1, 1);
-    options.antialias = antialias;
-    options.cone_points = kConePoints;
-    GridField field(options, /*unbounded=*/true, 1);
-    field.initialise(5);
-    for (Real& v : field.table) v *= 1e4_r;
-    constexpr int kSamples = 37;
-    constexpr int64_t kStride = 48;
-    AlignedArray<Real> x(kConePoints * kStride), y(x.size()), z(x.size()), spread(x.size());
-    Random random(95, 0, 0);
-    ConeSample sample{{0.3_r, -0.5_r, 0.2_r}, normalized(Vec3{0.5_r, 0.6_r, -0.7_r})};
-    sample.radius = 0.02_r;
-    for (int i = 0; i < kSamples; ++i) {
-      sample.t = 3 * random.uniform();
-      sample.delta = 0.3_r;
-      sample.distance = sample.t + 1;
-      sample.reversed = i % 2 == 1;
-      const size_t at = static_cast<size_t>(i);
-      place_points(field, sample, kStride, &x[at], &y[at], &z[at], &spread[at]);
-    }
-    const GridPoints points{x.data(),    y.data(), z.data(), antialias ? spread.data() : nullptr,
-                            kConePoints, kStride};
-    Matrix got(field.shape.features(), kSamples);
-    encode(field, points, kSamples, got.data.data(), got.ld);
-    std::vector<Matrix> alone;
-    for (int64_t j = 0; j < kConePoints; ++j) {
-      alone.emplace_back(field.shape.features(), kSamples);
-      const int64_t at = j * kStride;
-      encode(field, x.data() + at, y.data() + at, z.data() + at,
-             antialias ? spread.data() + at : nullptr, kSamples, alone.back().data.data(), got.ld);
-    }
-    double difference = 0;
-    for (int f = 0; f < field.shape.features(); ++f)
-      for (int i = 0; i < kSamples; ++i) {
-        double mean = 0, size = 0;
-        for (const Matrix& m : alone) {
-          mean += static_cast<double>(m.at(f, i)) / kConePoints;
-          size += std::fabs(static_cast<double>(m.at(f, i))) / kConePoints;
-        }
-        EXPECT_NEAR(got.at(f, i), mean, 8 * kRoundoff * size);
-        difference = std::max(difference, std::fabs(mean - static_cast<double>(alone[0].at(f, i))));
-      }
-    EXPECT_GT(difference, 0.1);  // the points are not one
-
-    // <gradient by features, features> = <gradient by rows, rows>.
-    const Matrix gradient(field.shape.features(), kSamples, random, -1, 1, Matrix::Padding::kZero);
-    double by_features = 0, by_rows = 0, size = 0;
-    for (int f = 0; f < field.shape.features(); ++f)
-      for (int i = 0; i < kSamples; ++i) {
-        const double product =
-            static_cast<double>(gradient.at(f, i)) * static_cast<double>(got.at(f, i));
-        by_features += product;
-        size += std::fabs(product);
-      }
-    Matrix changed = gradient;
-    for (size_t l = 0; l < field.shape.levels.size(); ++l) {
-      const HashGridLevel& level = field.shape.levels[l];
-      RowStates states(level.entries, level.features);
-      encode_level_backward(field, l, points, kSamples,
-                            changed.data.data() + static_cast<int64_t>(l) * level.features * got.ld,
-                            got.ld, states.gradient.data(), states.marks.data());
-      const AlignedArray<Real>& of_rows = states.gradient;
-      for (size_t i = 0; i < of_rows.size(); ++i)
-        by_rows +=
-            static_cast<double>(of_rows[i]) * static_cast<double>(field.table[level.begin() + i]);
-    }
-    EXPECT_NEAR(by_rows, by_features, 100 * kRoundoff * size);
-    EXPECT_GT(size, 10);
-  }
-}
-
-// Lengths at a point of contracted space, against the change of a small volume there.
-TEST(GridField, ScaleIsThatOfTheVolume) {
-  for (const bool unbounded : {false, true}) {
-    const GridField field(small_options(1, 1), unbounded, 1);
-    for (const Vec3& p :
-         {Vec3{0.3_r, -0.5_r, 0.1_r}, {0.9_r, 1.1_r, -0.4_r}, {-7, 3, 2}, {0, 0, 40}}) {
-      constexpr double h = 1e-3;
-      Mat3d change;
-      for (int i = 0; i < 3; ++i) {
-        Vec3d a = p.cast<double>(), b = a;
-        const double step = h * std::max(1.0, length(a));
-        a[i] -= step;
-        b[i] += step;
-        const auto place = [&](const Vec3d& q) { return unbounded ? contract(q) * 0.25 : q * 0.5; };
-        change.set_column(i, (place(b) - place(a)) / (2 * step));
-      }
-      const double volume = dot(cross(change.column(0), change.column(1)), change.column(2));
-      EXPECT_NEAR(static_cast<double>(field.grid_scale(p)), std::cbrt(volume),
-                  1e-4 * std::cbrt(volume));
-    }
-  }
-}
-
 TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
   GridOptions options = small_options(1, 1);
   options.levels = 4;
@@ -311,8 +165,8 @@ TEST(GridField, EncodeIsEveryLevelOfTheTemplate) {
   const Matrix places(3, 37, random, 0, 1);
   for_each_target([&](const std::string&) {
     Matrix features(field.shape.features(), 37);
-    encode(field, places.data.data(), places.data.data() + places.ld,
-           places.data.data() + 2 * places.ld, nullptr, 37, features.data.data(), features.ld);
+    const Real* x = places.data.data();
+    encode(field, {x, x + places.ld, x + 2 * places.ld}, 37, features.data.data(), features.ld);
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
       const size_t per_entry = static_cast<size_t>(level.features);

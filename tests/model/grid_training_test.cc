@@ -116,7 +116,7 @@ struct TinyRun {
     chunk.loss = 0;
     fill_inputs(stream, n);
     const int64_t ld = chunk.stride(tape.features);
-    encode(field, x, y, z, nullptr, n, chunk.data(tape.features), ld);
+    encode(field, {x, y, z}, n, chunk.data(tape.features), ld);
     chunk.roulette.offset = golden_draw(stream + 15, 1)[0];
     tape.tape.forward(chunk);
     tape.tape.backward(chunk);

@@ -38,6 +38,8 @@ struct Options {
     v("rate", rate, "rate");
     v("exact", exact, "exact");
     v("text", text, "text");
+    v.retired("old", false);
+    v.retired("old_rate", 0.0);
     v("inner", inner, "inner");
   }
   void check_options() const {
@@ -128,6 +130,23 @@ TEST(OptionsJson, BrokenTextNamesLineAndColumn) {
   for (size_t n = 0; n + 2 < whole.size(); ++n) EXPECT_NE(error_of(whole.substr(0, n)), "") << n;
   EXPECT_NE(error_of(std::string(100000, '[')), "");
   EXPECT_NE(error_of("{\"text\": \"\xff\"}"), "");
+}
+
+// A file of an earlier version is read where what it asks for is what happens anyway.
+TEST(OptionsJson, RetiredOptionsMustChangeNothing) {
+  Options options;
+  options_from_json(options, R"({"old": false, "old_rate": 0, "steps": 4})", "file");
+  EXPECT_EQ(options.steps, 4);
+  for (const char* text : {R"({"old": true})", R"({"old_rate": 0.5})", R"({"old": "no"})"}) {
+    try {
+      options_from_json(options, text, "file");
+      FAIL() << text;
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("file: old"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("is no more"), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_EQ(options_to_json(options).find("old"), std::string::npos);
 }
 
 }  // namespace

@@ -15,7 +15,7 @@ namespace nerf::test {
 inline TrainOptions tiny_options(int64_t steps) {
   TrainOptions o;
   o.steps = steps;
-  o.batch_samples = 4800;
+  o.grid_recipe.batch_samples = 4800;
   o.rate = 0.01;
   o.grid.levels = 4;
   o.grid.log2_entries = 12;

@@ -14,7 +14,7 @@ namespace {
 
 TrainOptions with_distortion(double weight, int64_t steps) {
   TrainOptions options = test::tiny_options(steps);
-  options.distortion = weight;
+  options.grid_recipe.distortion = weight;
   return options;
 }
 
@@ -74,7 +74,7 @@ TEST(GridDistortion, FollowsTheSceneUnlessItIsGiven) {
   EXPECT_EQ(distortion_weight(options, scene), 0);
   scene.unbounded = true;
   EXPECT_GT(distortion_weight(options, scene), 0);
-  options.distortion = 0;
+  options.grid_recipe.distortion = 0;
   EXPECT_EQ(distortion_weight(options, scene), 0);
 }
 

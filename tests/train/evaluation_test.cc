@@ -22,7 +22,7 @@ struct Trained {
 
   static TrainOptions options() {
     TrainOptions o = tiny_options(300);
-    o.batch_samples = 9600;
+    o.grid_recipe.batch_samples = 9600;
     o.grid.table_bits = 32;  // more than a model file keeps
     return o;
   }

@@ -94,15 +94,11 @@ const std::vector<Line>& table() {
       {"final_beta2", {"0.95"}},
       {"huber_delta", {"0.05"}},
       {"distortion", {"0.01"}},
-      {"network_l2", {"0.001"}},
       {"early_samples", {"1"}},
-      {"late_levels", {"0.5"}},
-      {"coarse_photos", {"0.5"}},
       {"error_guidance", {"0"}},
       {"shared_colour", {"0"}},
       {"stop_transmittance", {"0.1"}},
       {"gradient_roulette", {"0"}},
-      {"every_row", {"true"}},
       {"occupancy_threshold", {"0.2"}},
       {"keep_unseen", {"true"}, one_camera},
       {"keep_transparent", {"true"}},
@@ -117,10 +113,6 @@ const std::vector<Line>& table() {
       {"grid.colour_layers", {"2", "1"}},
       {"grid.geometry_features", {"8"}},
       {"grid.occupancy_side", {"32"}},
-      {"grid.table_bits", {"32"}},
-      {"grid.antialias", {"true"}},
-      {"grid.cone_points", {"6"}},
-      {"grid.colour_per_ray", {"true"}},
       {"grid.max_samples", {"8"}},
       {"grid.min_samples", {"8"}},
       {"grid.samples_per_cell", {"1"}},
@@ -196,13 +188,11 @@ constexpr Idle kIdle[] = {
     {"mipnerf", "recipe.anneal_steps", "only proposals are annealed"},
 };
 
-// Whether an option is one of the method's: by its group, and where it has none by its help, which
-// names the grid method where no other takes it.
+// Whether an option is one of the method's, by the heading that its help stands under.
 bool concerns(const OptionField& field, const std::string& method) {
   const bool grid = method == kGridMethod;
-  if (field.name.starts_with("grid.")) return grid;
-  if (field.name.starts_with("network.") || field.name.starts_with("recipe.")) return !grid;
-  return grid || field.help.find("(grid") == std::string::npos;
+  if (field.heading.find("grid method") != std::string::npos) return grid;
+  return field.heading.find("papers' methods") == std::string::npos || !grid;
 }
 
 // What must not be the same: the counters of work, or a picture from where no photo was taken.
@@ -231,7 +221,7 @@ class EveryOption : public ::testing::TestWithParam<std::string> {
     static const test::SyntheticCapture capture = test::sphere_capture(8, 32);
     Setting s{capture, grid() ? test::tiny_options(kPlanned)
                               : test::tiny_method_options(GetParam(), kPlanned)};
-    s.options.batch_samples = 1920;
+    s.options.grid_recipe.batch_samples = 1920;
     s.options.precision = Precision::kF32;
     return s;
   }

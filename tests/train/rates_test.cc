@@ -58,10 +58,10 @@ TEST(GridSchedule, StepSizeFallsAndMemoryGrows) {
   o.warmup_steps = 10;
   o.hold = 0.2;
   o.final_rate = 0.1;
-  o.beta1 = 0.5;
-  o.final_beta1 = 0.9;
-  o.beta2 = 0.75;
-  o.final_beta2 = 0.25;
+  o.grid_recipe.beta1 = 0.5;
+  o.grid_recipe.final_beta1 = 0.9;
+  o.grid_recipe.beta2 = 0.75;
+  o.grid_recipe.final_beta2 = 0.25;
   const GridTrainer trainer(c.scene, c.photos, o, pool);
   const struct {
     int64_t step;

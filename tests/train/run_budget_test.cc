@@ -90,7 +90,7 @@ TEST(RunBudget, ABudgetIsUsedWheneverTheSpeedChanges) {
   const auto c = sphere_capture();
   ThreadPool pool(1);
   TrainOptions options = tiny_options(0);
-  options.batch_samples = 960;
+  options.grid_recipe.batch_samples = 960;
   for (const double factor : {0.25, 0.5, 2.0, 4.0})
     for (const double turn : {3, 11, 22, 35, 47, 55, 58}) {
       const double before = 0.2, after = factor * before;

@@ -144,7 +144,7 @@ TEST(Visibility, SwitchesOffWhatAllThatSeeItShowAsTransparent) {
   ASSERT_EQ(matte_agreement(c.scene.train.size()), 2);
   constexpr int kCascade = 2;
   TrainOptions options;
-  options.keep_unseen = true;
+  options.grid_recipe.keep_unseen = true;
   const OccupancyGrid grid = carved(c, options, 2, kCascade + 1);
   int64_t seen_once = 0;
   for (int64_t i = 0; i < grid.cells(); ++i) {
@@ -193,7 +193,7 @@ test::SyntheticCapture beside_the_middle(const Camera& camera, double turn) {
 int64_t expect_sphere_kept(const test::SyntheticCapture& c) {
   constexpr int kCascades = 2;
   TrainOptions options;
-  options.keep_unseen = true;
+  options.grid_recipe.keep_unseen = true;
   const OccupancyGrid grid = carved(c, options, 2, kCascades);
   int64_t off = 0;
   for (int cascade = 0; cascade < kCascades; ++cascade)
@@ -244,7 +244,7 @@ TEST(Visibility, SwitchesOffBricksOutsideEveryPicture) {
   auto c = test::sphere_capture(8, 32);
   c.scene.train = {1, 2};
   TrainOptions options;
-  options.keep_transparent = true;
+  options.grid_recipe.keep_transparent = true;
   constexpr int kCascades = 3;
   const OccupancyGrid grid = carved(c, options, 2, kCascades);
   int64_t seen = 0, unseen = 0;
@@ -280,7 +280,7 @@ TEST(Visibility, MaskedOutPixelsSayNothing) {
   auto c = test::sphere_capture(8, 32);
   for (Photo& photo : c.photos.photos) photo.mask.assign(static_cast<size_t>(32 * 32), 0);
   TrainOptions unseen;
-  unseen.keep_transparent = true;
+  unseen.grid_recipe.keep_transparent = true;
   const OccupancyGrid masked = carved(c), grid = carved(c, unseen);
   // Masked, single cells are asked for, which fewer eyes may see than see their brick.
   int64_t off = 0;

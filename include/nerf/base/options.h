@@ -69,9 +69,22 @@ struct OptionField {
   std::string metavar;      // of the value in the help; empty: from the type
   bool positional = false;  // also given without its name
   bool required = false;    // must be given
+  std::string heading;      // of the help that the field stands under
+  std::string brief;        // the help of those who only begin; empty: the field is not in it
+
+  // Of a program that goes on with what an earlier one began: whether the field belongs to the
+  // result, and must stay, and whether its value is taken over where none is given.
+  bool of_result = true, inherited = true;
 
   std::function<std::optional<OptionValue>()> get;             // no value: an empty optional
   std::function<void(const std::optional<OptionValue>&)> set;  // unchecked; use set_option
+};
+
+// An option that is no more. Files of earlier versions that name it are read where its value
+// changes nothing.
+struct RetiredOption {
+  std::string name;  // groups joined by '.'
+  OptionValue harmless;
 };
 
 template <class E>
@@ -112,6 +125,19 @@ inline auto positional() {
 }
 inline auto required() {
   return [](OptionField& f) { f.required = true; };
+}
+
+// Lists the field in the short help too, with this text.
+inline auto brief(std::string text) {
+  return [text = std::move(text)](OptionField& f) { f.brief = text; };
+}
+// The result does not depend on the field.
+inline auto not_of_result() {
+  return [](OptionField& f) { f.of_result = false; };
+}
+// Nor does a later program take its value over.
+inline auto of_this_call() {
+  return [](OptionField& f) { f.of_result = f.inherited = false; };
 }
 
 // How a type becomes an OptionValue and back: `kType`, `describe(field)` (natural limits),
@@ -211,19 +237,31 @@ struct OptionTraits<E> {
 // Collects the fields of a struct; the `v` of visit_options.
 class OptionCollector {
  public:
-  explicit OptionCollector(std::vector<OptionField>& out, std::string prefix = "")
-      : out_(out), prefix_(std::move(prefix)) {}
+  OptionCollector(std::vector<OptionField>& out, std::vector<RetiredOption>& retired,
+                  std::string prefix = "")
+      : out_(out), retired_(retired), prefix_(std::move(prefix)) {}
 
+  // Of the help, for the fields that follow. Those of a group stand under its help.
+  void heading(const char* text) { heading_ = text; }
+
+  void retired(const char* name, OptionValue harmless) {
+    retired_.push_back({prefix_ + name, std::move(harmless)});
+  }
+
+  // Not inlined: a struct of options has dozens of fields and a few kinds of them.
   template <class T, class... Attributes>
-  void operator()(const char* name, T& field, const char* help, const Attributes&... attributes) {
+  [[gnu::noinline]] void operator()(const char* name, T& field, const char* help,
+                                    const Attributes&... attributes) {
     if constexpr (requires(T& t, OptionCollector& c) { t.visit_options(c); }) {
       static_assert(sizeof...(attributes) == 0, "attributes belong to the fields of a group");
-      OptionCollector group(out_, prefix_ + name + ".");
+      OptionCollector group(out_, retired_, prefix_ + name + ".");
+      group.heading(prefix_.empty() ? help : heading_.c_str());
       field.visit_options(group);
     } else {
       OptionField f;
       f.name = prefix_ + name;
       f.help = help;
+      f.heading = heading_;
       bind(f, field);
       (attributes(f), ...);
       out_.push_back(std::move(f));
@@ -260,16 +298,32 @@ class OptionCollector {
   }
 
   std::vector<OptionField>& out_;
-  std::string prefix_;
+  std::vector<RetiredOption>& retired_;
+  std::string prefix_, heading_;
 };
 
-// The fields of `options` in the order of its visitor. They refer to `options`.
+// What a struct's visitor tells. The fields refer to the struct.
+struct CollectedOptions {
+  std::vector<OptionField> fields;  // in the order of the visitor
+  std::vector<RetiredOption> retired;
+};
+
+// A large struct's header declares this as an extern template, since it takes seconds to compile.
+template <class T>
+CollectedOptions collect_options(T& options) {
+  CollectedOptions collected;
+  OptionCollector collector(collected.fields, collected.retired);
+  options.visit_options(collector);
+  return collected;
+}
+
 template <class T>
 std::vector<OptionField> option_fields(T& options) {
-  std::vector<OptionField> fields;
-  OptionCollector collector(fields);
-  options.visit_options(collector);
-  return fields;
+  return collect_options(options).fields;
+}
+template <class T>
+std::vector<RetiredOption> retired_options(T& options) {
+  return collect_options(options).retired;
 }
 
 // Sets a field after checking it. Throws Error(what is wrong, where, what is allowed) for a value

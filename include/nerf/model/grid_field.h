@@ -2,9 +2,7 @@
 //
 //   position -> [contract] -> hash grid (F L features) -> MLP -> h (16)
 //   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction))
-// (Mueller et al. 2022, section 5.4.) With GridOptions::colour_per_ray the colour is that of the
-// ray's sum of w h, w the weights of volume rendering (as Hedman et al. 2021, section 4, composite
-// features): a pixel is opacity colour + (1 - opacity) background.
+// (Mueller et al. 2022, section 5.4.)
 #pragma once
 
 #include <cstdint>
@@ -17,7 +15,6 @@
 #include "nerf/base/real.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/kernels/hash_grid.h"
-#include "nerf/math/cone_points.h"
 #include "nerf/math/contraction.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
@@ -37,10 +34,9 @@ struct GridOptions {
   int colour_layers = 2;
   int geometry_features = 16;
   int occupancy_side = 0;
+  // Of a feature in the tables that are looked up: 16 (half floats, rounded from weights of 32) or,
+  // for tests, 32. No option.
   int table_bits = 16;
-  bool antialias = false;
-  int cone_points = 1;
-  bool colour_per_ray = false;
   SamplerOptions sampler;
 
   template <class V>
@@ -67,20 +63,6 @@ struct GridOptions {
       "has "
       "bounds, else 128",
       at_least(0), at_most(OccupancyGrid::kMostSide));
-    v("table_bits", table_bits,
-      "bits of a feature in the tables that are looked up, 16 (half floats, rounded from weights "
-      "of 32) or 32",
-      at_least(16), at_most(32));
-    v("antialias", antialias,
-      "fades resolutions out that a pixel's cone is wider than, so that one model fits pictures of "
-      "several sizes (see --scales)");
-    v("cone_points", cone_points,
-      "points of a pixel's cone whose features a sample takes the mean of, 1 or 6", at_least(1),
-      at_most(kConePoints));
-    v("colour_per_ray", colour_per_ray,
-      "asks the colour network once for a ray, for the sum of its samples' features, instead of "
-      "for "
-      "each sample");
     v("max_samples", sampler.max_samples, "most network samples of a ray", at_least(2),
       at_most(240));
     v("min_samples", sampler.min_samples, "fewest network samples of a ray that meets matter",
@@ -94,12 +76,15 @@ struct GridOptions {
     v("min_transmittance", sampler.min_transmittance,
       "a ray's march stops where the cached density lets less light through (0: never)",
       at_least(0), at_most(1));
+    v.retired("table_bits", int64_t{16});
+    v.retired("antialias", false);
+    v.retired("cone_points", int64_t{1});
+    v.retired("colour_per_ray", false);
   }
-  // Whether a sample depends on how wide its pixel is.
-  bool sees_cones() const { return antialias || cone_points > 1; }
   // Throws Error for combinations that cannot be.
   void check_options() const;
 };
+extern template CollectedOptions collect_options(GridOptions&);
 
 // Cells across each cascade of the occupancy grid: what the options say, or the default.
 int occupancy_side(const GridOptions& options, bool unbounded);
@@ -132,8 +117,6 @@ struct GridField {
     constexpr Vec3 kMiddle{0.5_r, 0.5_r, 0.5_r};
     return unbounded ? contract(p) * 0.25_r + kMiddle : p * 0.5_r + kMiddle;
   }
-  // How long something of unit length at p is there: the cube root of the volume's change.
-  Real grid_scale(const Vec3& p) const;
 };
 
 // A chunk of samples of one network call.
@@ -160,11 +143,9 @@ struct GridTape {
   Value target = 0, scale = 0;  // in, training only: [3 x rays], [1 x rays]
   Value geometry = 0;           // between: [geometry_features x samples]
   Value density = 0;            // out: [1 x samples]
-  // out: [3 x samples]; in training [3 x groups] where colours are shared, [3 x rays] with
-  // colour_per_ray
-  Value colour = 0;
-  Composite image{};           // out
-  Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
+  Value colour = 0;             // out: [3 x samples], or [3 x groups] where training shares colours
+  Composite image{};            // out
+  Value weight_gradient = -1;   // between, GridLosses::on_weights only: [1 x samples]
 
   GridTape(const GridField& field, bool training, const GridLosses& losses = {});
 
@@ -181,62 +162,20 @@ struct GridTape {
   size_t density_operations_ = 0, field_operations_ = 0;
 };
 
-// Standard deviation, in grid units, of the Gaussian that a pixel's cone is around a sample:
-// `radius` is the cone's at distance 1 (pixel_cone_radius), `scale` the field's grid_scale() there.
-inline Real cone_spread(Real radius, Real distance, Real scale) {
-  return 0.5_r * radius * distance * scale;
-}
-
-// Multiplies a level's features (or their gradients) by what is left of them in the mean over a
-// Gaussian of this standard deviation [n, up to kChunkSamples]: erf(1 / (sqrt(8) spread n)), n the
-// cells per unit (Barron et al. 2023, equation 10), with erf(x) ~ sqrt(1 - exp(-4 x^2 / pi)) as in
-// the authors' code.
-void fade_level(const HashGridLevel& level, const Real* spread, int64_t n, Real* features,
-                int64_t ld);
-
-// A sample of a pixel's ray: the stretch of `delta` around entry + t direction (engine coordinates,
-// direction of unit length) that it stands for.
-struct ConeSample {
-  Vec3 entry, direction;
-  Real t = 0, delta = 0;
-  Real distance = 0;  // of the place from the camera
-  Real radius = 0;    // of the pixel's cone at distance 1
-  bool reversed = false;
-  Real cosine = 1, sine = 0;  // of the angle that its points are turned by; see cone_points()
-};
-
-// The points at which the field looks a sample up, GridOptions::cone_points of them: grid
-// coordinates and spreads, each `stride` behind the one before.
-void place_points(const GridField& field, const ConeSample& sample, int64_t stride, Real* x,
-                  Real* y, Real* z, Real* spread);
-
-// The same of a ray's n samples that see no cone, at entry + t direction each.
+// Grid coordinates of n samples of a ray, at entry + t direction each (engine coordinates).
 void place_samples(const GridField& field, const Vec3& entry, const Vec3& direction, const Real* t,
                    int64_t n, Real* x, Real* y, Real* z);
 
-// Points of a chunk's samples: the j-th of sample s at [j * stride + s]. `spread` may be null (0
-// everywhere). All are read up to the next multiple of kLane samples.
+// Grid coordinates of a chunk's samples, read up to the next multiple of kLane.
 struct GridPoints {
-  const Real *x, *y, *z, *spread;
-  int per_sample = 1;
-  int64_t stride = 0;
+  const Real *x, *y, *z;
 };
 
-// Features [F x ld] of one level: the mean over each sample's points of what is looked up there and
-// fades with its spread.
+// Features [F x ld] of one level at n points.
 void encode_level(const GridField& field, size_t level, const GridPoints& points, int64_t n,
                   Real* features, int64_t ld);
-// Adds the gradient of these features to that of the level's rows (hash_grid_backward).
-// d_features is changed.
-void encode_level_backward(const GridField& field, size_t level, const GridPoints& points,
-                           int64_t n, Real* d_features, int64_t ld, Real* gradient, uint8_t* marks);
 // All levels: features [F L x ld].
 void encode(const GridField& field, const GridPoints& points, int64_t n, Real* features,
             int64_t ld);
-
-// Encodes a chunk's positions (grid coordinates) at every level: features [F L x ld]. x, y, z and
-// spread, which may be null (0 everywhere), are read up to the next multiple of kLane.
-void encode(const GridField& field, const Real* x, const Real* y, const Real* z, const Real* spread,
-            int64_t n, Real* features, int64_t ld);
 
 }  // namespace nerf

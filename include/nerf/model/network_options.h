@@ -113,5 +113,6 @@ struct NetworkOptions {
 
   bool integrated() const { return encoding != Encoding::kFrequency; }
 };
+extern template CollectedOptions collect_options(NetworkOptions&);
 
 }  // namespace nerf

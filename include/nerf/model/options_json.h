@@ -10,7 +10,8 @@
 namespace nerf {
 
 std::string fields_to_json(const std::vector<OptionField>& fields);
-void fields_from_json(const std::vector<OptionField>& fields, const std::string& json,
+void fields_from_json(const std::vector<OptionField>& fields,
+                      const std::vector<RetiredOption>& retired, const std::string& json,
                       const std::string& where);
 
 // Indented by two spaces, fields in the visitor's order. Reading it back gives the same bits. Text
@@ -23,12 +24,13 @@ std::string options_to_json(const T& options) {
 
 // Sets the fields that the object names; the others stay. All or nothing: on Error `options` is as
 // before. Throws Error naming `where` (the file) and the line and column of what is not JSON, or
-// the key that is unknown (with the nearest known one), given twice, of another type or outside its
-// limits, or what check_options of the struct refuses.
+// the key that is unknown (with the nearest known one), given twice, of another type, outside its
+// limits or retired with a value that changed something, or what check_options of the struct
+// refuses.
 template <class T>
 void options_from_json(T& options, const std::string& json, const std::string& where) {
   T copy = options;
-  fields_from_json(option_fields(copy), json, where);
+  fields_from_json(option_fields(copy), retired_options(copy), json, where);
   if constexpr (requires { copy.check_options(); }) copy.check_options();
   options = copy;
 }

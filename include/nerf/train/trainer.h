@@ -19,6 +19,7 @@
 #include "nerf/model/grid_field.h"
 #include "nerf/model/network_options.h"
 #include "nerf/model/radiance_field.h"
+#include "nerf/train/grid_recipe.h"
 #include "nerf/train/network_recipe.h"
 #include "nerf/train/plan.h"
 
@@ -47,57 +48,39 @@ struct TrainOptions {
   int64_t steps = 0;  // planned length: the rate falls over it
   PlanChanges plan_changes;
   Background background = Background::kWhite;
-  int batch_samples = 1 << 16;             // network samples of a step
   double rate = 2e-2;                      // of the tables, or of all networks
   Precision precision = Precision::kAuto;  // of the networks' products; a trainer resolves it
-  double network_rate = 1;                 // of the networks, as a share of `rate`
   double final_rate = 0.02;                // of the last step, as a share of `rate`
   int warmup_steps = 64;                   // over which the rate rises
-  double hold = 0.1;  // share of the steps before the rate begins to fall: linearly (grid),
-                      // exponentially (others)
-  // Adam's, of the first steps and of the last: a row of the tables counts the steps that touch it,
-  // which may be few, so that at first a longer memory is older than the field.
-  double beta1 = 0.8, beta2 = 0.95;
-  double final_beta1 = 0.9, final_beta2 = 0.99;
-  double huber_delta = 0.5;
-  std::optional<double> distortion;  // see distortion_weight()
-  double network_l2 = 0;
-  double early_samples = 0.2;    // of the first steps, as a share of samples_per_cell
-  double late_levels = 0;        // share of the rate's fall until all resolutions are on
-  double coarse_photos = 0;      // share of the rate's fall until pixels are single ones
-  double error_guidance = 0.7;   // 0: pixels are drawn uniformly; 1: where the error is
-  double shared_colour = 0.125;  // light of a pixel that samples of one colour have together
-  double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
-  double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
-  bool every_row = false;                  // Adam moves rows without gradient too
-  double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
-  // Cells of the occupancy grid that cannot hold matter by the cameras, by the photos' alpha and by
-  // the sparse points are in use all the same.
-  bool keep_unseen = false, keep_transparent = false, keep_free = false;
+  double hold = 0.1;  // share of the steps before the rate begins to fall: linearly with the grid
+                      // method, exponentially with the others
+  // Field and recipe of the grid method, and of the papers'. A method reads one pair of them
+  // (reads_option() of methods.h).
+  GridRecipe grid_recipe;
   GridOptions grid;
-  // Of the other methods.
   NetworkOptions network;
   NetworkRecipe recipe;
 
   template <class V>
   void visit_options(V& v) {
-    v("method", method, "what is trained; see --list-methods", one_of(internal::method_choices()));
-    v("seed", seed, "of every random number");
-    v("steps", steps, "length of the training; the step size falls over it", at_least(0));
+    v.heading("Method");
+    v("method", method, "what is trained; see --list-methods", one_of(internal::method_choices()),
+      brief("grid, nerf, mipnerf or mipnerf360"));
+    v("seed", seed, "of every random number", brief("of every random number"));
+    v.heading("Run");
+    v("steps", steps, "length of the training; the step size falls over it", at_least(0),
+      brief("length of the training, in steps"));
     v("plan_changes", plan_changes,
       "until step STEP the length was LENGTH: what a run prints whose length was corrected on the "
       "way or extended, to repeat it");
+    v.heading("Training");
     v("background", background,
       "colour that photos with alpha are laid over, where they are compared and where a paper's "
       "method trains on them; that of cut-out backgrounds is known, other photos need none");
-    v("batch_samples", batch_samples, "network samples of a step (grid)", at_least(960),
-      at_most(1 << 22));
     v("rate", rate, "Adam's step size", above(0), at_most(1));
     v("precision", precision,
       "operands of the networks' products; bf16 is rounded, sums and weights stay f32; auto: bf16 "
       "where the processor is faster with it");
-    v("network_rate", network_rate, "step size of the networks, as a share of the tables' (grid)",
-      above(0), at_most(10));
     v("final_rate", final_rate, "step size of the last step, as a share of the first", above(0),
       at_most(1));
     v("warmup_steps", warmup_steps,
@@ -105,76 +88,18 @@ struct TrainOptions {
       at_least(0));
     v("hold", hold,
       "share of the steps before the step size begins to fall; a budget of minutes fixes the "
-      "number "
-      "of steps within it",
+      "number of steps within it",
       at_least(0), at_most(0.9));
-    v("beta1", beta1, "Adam's decay of the gradient at first (grid; 0.9 with the paper methods)",
-      at_least(0), at_most(0.999));
-    v("final_beta1", final_beta1,
-      "Adam's decay of the gradient at last; it changes linearly while the step size falls (grid)",
-      at_least(0), at_most(0.999));
-    v("beta2", beta2,
-      "Adam's decay of the squared gradient at first (grid; --recipe-beta2 of the paper methods)",
-      at_least(0), at_most(0.999));
-    v("final_beta2", final_beta2, "Adam's decay of the squared gradient at last, likewise (grid)",
-      at_least(0), at_most(0.999));
-    v("huber_delta", huber_delta, "error above which the loss grows linearly (grid)", above(0));
-    v("distortion", distortion,
-      "weight of the loss that draws the light of a ray together; without it 0.02 where the scene "
-      "is "
-      "unbounded, else 0 (grid; --recipe-distortion of the paper methods)",
-      at_least(0), at_most(1000));
-    v("network_l2", network_l2, "weight decay of the networks (grid)", at_least(0));
-    v("early_samples", early_samples,
-      "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
-      "steps take, and where the scene is bounded all after 200 million samples: many rays first, "
-      "exact ones later (grid)",
-      above(0), at_most(1));
-    v("late_levels", late_levels,
-      "share of the fall of the step size within which the finer half of the grid's resolutions is "
-      "switched on, one after the other; 0: all of them from the start (grid)",
-      at_least(0), at_most(1));
-    v("coarse_photos", coarse_photos,
-      "share of the fall of the step size within which pixels are means of 4x4, then of 2x2 of the "
-      "photo's; 0: single ones from the start (grid)",
-      at_least(0), at_most(1));
-    v("error_guidance", error_guidance,
-      "how far pixels are drawn where the photos are not learnt yet: 0 uniformly, 1 by the root of "
-      "the error alone (grid)",
-      at_least(0), at_most(1));
-    v("shared_colour", shared_colour,
-      "light of a pixel that successive samples of one colour, that of their mean features, have "
-      "together at most; 0: each has its own (grid)",
-      at_least(0), at_most(1));
-    v("stop_transmittance", stop_transmittance,
-      "light below which what lies behind a place of a ray learns nothing; 0: everything learns "
-      "(grid, with --shared-colour)",
-      at_least(0), at_most(0.5));
-    v("gradient_roulette", gradient_roulette,
-      "a sample whose gradient is below this share of its chunk's mean learns by chance, as often "
-      "as its gradient is large and then by so much more; 0: all learn that have one (grid)",
-      at_least(0), at_most(100));
-    v("every_row", every_row,
-      "in every step Adam also moves the rows of the table that no sample of it touched, by what "
-      "their moments remember: as written in Adam's paper, and dearer (grid)");
-    v("occupancy_threshold", occupancy_threshold,
-      "opacity of one cell width below which a cell counts as empty; 0: none does that holds any "
-      "matter (grid)",
-      at_least(0), at_most(0.5));
-    v("keep_unseen", keep_unseen,
-      "cells that no camera of the training photos sees may hold matter too (grid)");
-    v("keep_transparent", keep_transparent,
-      "cells that photos with alpha show as wholly transparent may hold matter too (grid)");
-    v("keep_free", keep_free,
-      "cells that lie between cameras and the points they see, or nearer to cameras than what they "
-      "see, may hold matter too, where a scene is unbounded (grid)");
-    v("grid", grid, "field");
-    v("network", network, "field of the paper methods");
-    v("recipe", recipe, "training of the paper methods");
+    v.heading("Training of the grid method");
+    grid_recipe.visit_options(v);
+    v("grid", grid, "Field of the grid method");
+    v("network", network, "Field of the papers' methods");
+    v("recipe", recipe, "Training of the papers' methods");
   }
   void check_options() const;
   TrainingPlan plan() const;
 };
+extern template CollectedOptions collect_options(TrainOptions&);
 
 // What the scene's photos are laid over if they have alpha: the colour that their background was
 // cut out to, else that of the options.
@@ -183,11 +108,6 @@ Vec3 background_of(const TrainOptions& options, const Scene& scene);
 // Weight of the grid method's distortion loss (parts/losses.h), for a mean over rays: what the
 // options say, or a default by the kind of scene.
 double distortion_weight(const TrainOptions& options, const Scene& scene);
-
-// Whether the method trains on photos at smaller scales too (photo_scales.h): the paper methods do,
-// as in mip-NeRF's comparison (Barron et al. 2021, section 5), the grid where it sees cones. To its
-// points a reduced photo says nothing that the full one does not.
-bool learns_from_reduced_photos(const TrainOptions& options);
 
 struct StepReport {
   int64_t step = 0;  // steps done
