@@ -35,6 +35,7 @@ PixelLattice::PixelLattice(const LatticeOptions& options, int width, int height)
     passes_.push_back(
         {half, half, false, (last ? 3 : 1) * t, (last ? 0.75_r : 0.375_r) * t, 2 * share});
   }
+  if (options.sure) passes_[1].contrast = 0;
 }
 
 template <class Body>

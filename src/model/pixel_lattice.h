@@ -4,8 +4,8 @@
 // edges, which is a lattice half as wide, and so on (the order of the diamond-square algorithm,
 // Fournier, Fussell and Carpenter 1982). A pixel has four nearest neighbours among those before it.
 // Where their colours and depths agree, and none of them differed much from what its own neighbours
-// had foretold, it is their mean; else a ray is cast. Structures two pixels wide meet a pixel of
-// the first two passes; narrower ones of little contrast to both sides may be passed over.
+// had foretold, it is their mean; else a ray is cast. With a lattice of 4 the first two passes meet
+// every straight line two pixels wide.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +22,7 @@ struct LatticeOptions {
   // last pass takes 3 times as much, the first of several 3/4.
   Real tolerance = 8.0_r / 255;
   Real depth_ratio = 1.1_r;  // of the farthest to the nearest of the neighbours
+  bool sure = true;          // the second pass casts all its rays too
 };
 
 class PixelLattice {

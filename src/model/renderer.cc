@@ -58,7 +58,10 @@ class GridPicture {
     internal::LatticeOptions options;
     options.spacing = rays_per_side >= 4 ? 8 : 4;
     options.tolerance = options_.interpolated * static_cast<Real>(rays_per_side);
-    if (rays_per_side > 1) options.depth_ratio = 1.3_r;
+    if (rays_per_side > 1) {
+      options.depth_ratio = 1.3_r;
+      options.sure = false;
+    }
     internal::PixelLattice lattice(options, camera_.width, camera_.height);
     for (int pass = 0; pass < lattice.passes(); ++pass)
       each_tile(32, lattice.share(pass),

@@ -25,9 +25,11 @@ namespace {
 // A new option does not compile until it is named here, and given another value below.
 auto fields(RenderOptions& o) {
   auto& [background, unclipped, bbox, min_transmittance, stop_transmittance, unshaded,
-         shared_colour, precision, supersample, sample_factor, max_samples, uniform_share] = o;
+         shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
+         uniform_share] = o;
   return std::tie(background, unclipped, bbox, min_transmittance, stop_transmittance, unshaded,
-                  shared_colour, precision, supersample, sample_factor, max_samples, uniform_share);
+                  shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
+                  uniform_share);
 }
 using Fields = decltype(fields(std::declval<RenderOptions&>()));
 
@@ -37,6 +39,7 @@ const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
                          0.5_r,
                          0.9_r,
                          0.125_r,
+                         0.5_r,
                          0.5_r,
                          Precision::kBf16,
                          2,
@@ -57,6 +60,7 @@ constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"stop_transmittance", false},
                                             {"unshaded", false},
                                             {"shared_colour", false},
+                                            {"interpolated", false},
                                             {"precision", true},
                                             {"supersample", true},
                                             {"sample_factor", false},
