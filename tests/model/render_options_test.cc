@@ -40,7 +40,7 @@ const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
                          0.9_r,
                          0.125_r,
                          0.5_r,
-                         0.5_r,
+                         5.0_r,
                          Precision::kBf16,
                          2,
                          0.5_r,
@@ -77,7 +77,7 @@ Outcome outcome_of(const RadianceField& field, const RenderOptions& options, int
   ThreadPool pool(threads);
   Pose pose;
   pose.translation = {0.1, -0.2, -2.5};
-  const Frame f = render(field, test::pinhole(24, 20, 18), pose, options, pool);
+  const Frame f = render(field, test::pinhole(24, 20, 400), pose, options, pool);
   const RenderStatistics& s = f.statistics;
   return {
       {s.rays, s.segments, s.density_evaluations, s.colour_evaluations}, f.rgb, f.alpha, f.depth_z};
@@ -98,6 +98,7 @@ void expect_every_option_to_change(const RadianceField& field) {
   RenderOptions usual;
   usual.precision = Precision::kF32;
   usual.sample_factor = 100;  // so that max_samples is reached
+  usual.min_transmittance = 1e-30_r;  // so that rays have a depth, without which none is left out
   const Outcome before = outcome_of(field, usual);
   EXPECT_EQ(outcome_of(field, usual), before);
   EXPECT_EQ(outcome_of(field, usual, 1), before) << "threads change nothing";

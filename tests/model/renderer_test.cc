@@ -174,6 +174,7 @@ TEST(Render, TheCachesStopIsTheOptionsAlone) {
     std::vector<int64_t> now;
     for (const Real stop : {0.0_r, 1e-6_r, 1e-4_r, 1e-2_r}) {
       RenderOptions options;
+      options.interpolated = 0;
       options.min_transmittance = stop;
       now.push_back(render(same, camera, pose, options, pool).statistics.segments);
       if (now.size() > 1) {
