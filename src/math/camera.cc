@@ -13,6 +13,7 @@
 
 #include "panorama.h"
 #include "polynomial.h"
+#include "wanted_pixels.h"
 
 namespace nerf {
 namespace {
@@ -298,15 +299,21 @@ std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
 }
 
 void unproject_row(const Camera& camera, int x, int y, std::span<Vec3d> out) {
+  internal::unproject_wanted(camera, x, y, nullptr, out);
+}
+
+void internal::unproject_wanted(const Camera& camera, int x, int y, const uint8_t* wanted,
+                                std::span<Vec3d> out) {
   const Lens lens = make_lens(camera);
   const bool around = is_panorama(camera), seen = usable(camera, lens);
-  for (Vec3d& direction : out) {
-    const Vec2d pixel{x + 0.5, y + 0.5};
+  for (size_t i = 0; i < out.size(); ++i) {
+    out[i] = Vec3d();
+    if (wanted && !wanted[i]) continue;
+    const Vec2d pixel{x + static_cast<double>(i) + 0.5, y + 0.5};
     const auto d = around ? internal::unproject_panorama(camera, pixel)
                    : seen ? unproject(camera, lens, pixel)
                           : std::nullopt;
-    direction = d ? normalized(*d) : Vec3d();
-    ++x;
+    if (d) out[i] = normalized(*d);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "model/network_renderer.h"
+#include "model/pixel_lattice.h"
 #include "model/supersampling.h"
 #include "model/tile_renderer.h"
 #include "nerf/base/error.h"
@@ -15,46 +16,101 @@ namespace nerf {
 
 namespace {
 
-Frame render_grid(const GridField& field, const ModelInfo& info, const Camera& camera,
-                  const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
-                  const std::function<void(double)>& progress, const Cancel* cancel) {
-  NERF_CHECK(camera.width > 0 && camera.height > 0);
-  const Pose pose = info.to_engine.apply(camera_to_world);
-  const auto box = internal::oblique_box(info.to_engine, options.bbox);
-  const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
-  Frame frame{camera.width, camera.height, std::vector<Real>(3 * pixels), std::vector<Real>(pixels),
+// One picture of the grid method on its way, tile by tile.
+class GridPicture {
+ public:
+  GridPicture(const GridField& field, const ModelInfo& info, const Camera& camera,
+              const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+              const std::function<void(double)>& progress, const Cancel* cancel)
+      : field_(field),
+        info_(info),
+        camera_(camera),
+        pose_(info.to_engine.apply(camera_to_world)),
+        options_(options),
+        box_(internal::oblique_box(info.to_engine, options.bbox)),
+        pool_(pool),
+        progress_(progress),
+        cancel_(cancel) {
+    NERF_CHECK(camera.width > 0 && camera.height > 0);
+    const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
+    frame_ = {camera.width, camera.height, std::vector<Real>(3 * pixels), std::vector<Real>(pixels),
               std::vector<Real>(pixels)};
-
-  LayerPacks packs;
-  pack_layers(field.layers(), field.weights.data(), options.precision, packs, pool);
-
-  constexpr int kTile = 16;  // neighbouring rays read neighbouring table rows
-  const int columns = (camera.width + kTile - 1) / kTile;
-  const int rows = (camera.height + kTile - 1) / kTile;
-  std::vector<std::unique_ptr<internal::TileRenderer>> renderers(static_cast<size_t>(pool.size()));
-  std::mutex mutex;
-  int done = 0;
-  pool.parallel_for_thread(int64_t{columns} * rows, [&](int64_t tile, int thread) {
-    if (cancel && cancel->requested()) throw Cancelled();
-    auto& renderer = renderers[static_cast<size_t>(thread)];
-    if (!renderer)
-      renderer = std::make_unique<internal::TileRenderer>(field, packs, camera, pose, info.near,
-                                                          options, box);
-    const int x = static_cast<int>(tile % columns) * kTile;
-    const int y = static_cast<int>(tile / columns) * kTile;
-    renderer->render_tile(x, y, std::min(x + kTile, camera.width),
-                          std::min(y + kTile, camera.height), frame, 1 / info.to_engine.scale);
-    if (progress) {
-      std::lock_guard lock(mutex);
-      progress(static_cast<double>(++done) / (columns * rows));
-    }
-  });
-  for (const auto& renderer : renderers) {
-    if (!renderer) continue;  // of a thread that came too late for a tile
-    frame.statistics += renderer->statistics();
+    pack_layers(field.layers(), field.weights.data(), options.precision, packs_, pool);
+    renderers_.resize(static_cast<size_t>(pool.size()));
   }
-  return frame;
-}
+
+  // rays_per_side: of the rays whose mean will be a pixel; they may differ by more.
+  Frame render(int rays_per_side) {
+    if (options_.interpolated > 0)
+      render_lattice(rays_per_side);
+    else
+      each_tile(16, 1, [&](internal::TileRenderer& renderer, int x0, int y0, int x1, int y1) {
+        renderer.render_tile(x0, y0, x1, y1, nullptr, frame_, 1 / info_.to_engine.scale);
+      });
+    for (const auto& renderer : renderers_)
+      if (renderer)
+        frame_.statistics += renderer->statistics();  // else it came too late for a tile
+    return std::move(frame_);
+  }
+
+ private:
+  void render_lattice(int rays_per_side) {
+    internal::LatticeOptions options;
+    options.spacing = rays_per_side >= 4 ? 8 : 4;
+    options.tolerance = options_.interpolated * static_cast<Real>(rays_per_side);
+    if (rays_per_side > 1) {
+      options.depth_ratio = 1.3_r;
+      options.sure = false;
+    }
+    internal::PixelLattice lattice(options, camera_.width, camera_.height);
+    for (int pass = 0; pass < lattice.passes(); ++pass)
+      each_tile(32, lattice.share(pass),
+                [&](internal::TileRenderer& renderer, int x0, int y0, int x1, int y1) {
+                  if (lattice.choose(pass, x0, y0, x1, y1, frame_) == 0) return;
+                  renderer.render_tile(x0, y0, x1, y1, lattice.wanted().data(), frame_,
+                                       1 / info_.to_engine.scale);
+                  lattice.learn(pass, x0, y0, x1, y1, frame_);
+                });
+  }
+
+  // Neighbouring rays read neighbouring table rows. `share`: of the whole work, for progress.
+  template <class Body>
+  void each_tile(int side, double share, const Body& body) {
+    const int columns = (camera_.width + side - 1) / side;
+    const int rows = (camera_.height + side - 1) / side;
+    const double step = share / (static_cast<double>(columns) * rows);
+    pool_.parallel_for_thread(int64_t{columns} * rows, [&](int64_t tile, int thread) {
+      if (cancel_ && cancel_->requested()) throw Cancelled();
+      auto& renderer = renderers_[static_cast<size_t>(thread)];
+      if (!renderer)
+        renderer = std::make_unique<internal::TileRenderer>(field_, packs_, camera_, pose_,
+                                                            info_.near, options_, box_);
+      const int x = static_cast<int>(tile % columns) * side;
+      const int y = static_cast<int>(tile / columns) * side;
+      body(*renderer, x, y, std::min(x + side, camera_.width), std::min(y + side, camera_.height));
+      if (progress_) {
+        std::lock_guard lock(mutex_);
+        done_ += step;
+        progress_(std::min(done_, 1.0));
+      }
+    });
+  }
+
+  const GridField& field_;
+  const ModelInfo& info_;
+  const Camera& camera_;
+  const Pose pose_;
+  const RenderOptions& options_;
+  const std::optional<internal::ObliqueBox> box_;
+  ThreadPool& pool_;
+  const std::function<void(double)>& progress_;
+  const Cancel* cancel_;
+  Frame frame_;
+  LayerPacks packs_;
+  std::vector<std::unique_ptr<internal::TileRenderer>> renderers_;  // of each thread
+  std::mutex mutex_;
+  double done_ = 0;
+};
 
 }  // namespace
 
@@ -70,16 +126,17 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress, const Cancel* cancel) {
   const ModelInfo& info = radiance.info();
+  const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
     return radiance.is_grid()
-               ? render_grid(radiance.grid(), info, part, camera_to_world, options, pool, at,
+               ? GridPicture(radiance.grid(), info, part, camera_to_world, options, pool, at,
                              cancel)
+                     .render(n)
                : internal::render_network(radiance.network(), info,
                                           options.unclipped ? nullptr : radiance.baked(), part,
                                           camera_to_world, options, pool, at, cancel);
   };
-  const int n = rays_per_side(radiance, options, camera, camera_to_world);
   return n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
                : render_part(camera, progress);
 }

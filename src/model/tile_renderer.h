@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "math/wanted_pixels.h"
 #include "model/oblique_box.h"
 #include "model/tile_ray.h"
 #include "nerf/kernels/elementwise.h"
@@ -46,9 +47,13 @@ class TileRenderer {
     shaded_begin_.resize(kChunkRays + 1);
   }
 
-  void render_tile(int x0, int y0, int x1, int y1, Frame& frame, double unit) {
+  // Pixels in columns [x0, x1) and rows [y0, y1): all, or those that `wanted` marks, which is one
+  // byte for each pixel of the picture.
+  void render_tile(int x0, int y0, int x1, int y1, const uint8_t* wanted, Frame& frame,
+                   double unit) {
     frame_ = &frame;
     unit_ = unit;
+    wanted_ = wanted;
     rays_.clear();
     t_.clear();
     delta_.clear();
@@ -57,9 +62,11 @@ class TileRenderer {
     for (int v = y0; v < y1; v += kBlock)
       for (int u = x0; u < x1; u += kBlock) {
         const int v1 = std::min(v + kBlock, y1), u1 = std::min(u + kBlock, x1);
+        if (!any_wanted(u, v, u1, v1)) continue;
         const double clear = clear_distance(u, v, u1, v1, tile_clear);
         for (int y = v; y < v1; ++y)
-          for (int x = u; x < u1; ++x) march(x, y, clear);
+          for (int x = u; x < u1; ++x)
+            if (is_wanted(x, y)) march(x, y, clear);
       }
     ask();
     shade();
@@ -96,9 +103,19 @@ class TileRenderer {
     const size_t width = static_cast<size_t>(tile_width_);
     directions_.resize(width * static_cast<size_t>(y1 - y0));
     for (int y = y0; y < y1; ++y)
-      unproject_row(camera_, x0, y,
-                    std::span(directions_).subspan(static_cast<size_t>(y - y0) * width, width));
+      unproject_wanted(camera_, x0, y, wanted_ ? wanted_ + pixel(x0, y) : nullptr,
+                       std::span(directions_).subspan(static_cast<size_t>(y - y0) * width, width));
   }
+
+  int pixel(int x, int y) const { return y * camera_.width + x; }
+  bool any_wanted(int x0, int y0, int x1, int y1) const {
+    if (!wanted_) return true;
+    uint8_t any = 0;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x) any |= wanted_[pixel(x, y)];
+    return any != 0;
+  }
+  bool is_wanted(int x, int y) const { return !wanted_ || wanted_[pixel(x, y)]; }
 
   // In camera coordinates, of unit length; zero where the lens sees nothing.
   const Vec3d& direction_of(int x, int y) const {
@@ -117,6 +134,7 @@ class TileRenderer {
     };
     Vec3d sum;
     each([&](const Vec3d& d) { sum = sum + d; });
+    if (sum == Vec3d()) return near;  // no ray at all
     const Vec3d axis = normalized(sum);
     double spread = 0;
     each([&](const Vec3d& d) { spread = std::max(spread, dot(d - axis, d - axis)); });
@@ -132,7 +150,7 @@ class TileRenderer {
   // Places the samples of a pixel's ray, which meets no matter before `clear`.
   void march(int x, int y, double clear) {
     TileRay ray;
-    ray.pixel = y * camera_.width + x;
+    ray.pixel = pixel(x, y);
     const Vec3d& in_camera = direction_of(x, y);
     if (in_camera == Vec3d()) return finish(ray);
     Ray line;
@@ -359,6 +377,7 @@ class TileRenderer {
   // Rays take turns, so that each colour may need a direction of its own.
   static_assert(kChunkRays >= kChunkSamples);
   Frame* frame_ = nullptr;
+  const uint8_t* wanted_ = nullptr;
   double unit_ = 1;
   RenderStatistics statistics_;
 };

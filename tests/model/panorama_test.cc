@@ -33,6 +33,7 @@ TEST(PanoramaPicture, OpacityIsThatOfEveryRay) {
   ThreadPool pool(2);
   RenderOptions options;
   options.supersample = 1;
+  options.interpolated = 0;
   for (const Vec3d& in_engine : {Vec3d{-0.5, 0.1, 0.2}, Vec3d{0.3, -0.2, 0.1}, Vec3d{-2, 1.5, 0.3}})
     for (const double eye : {0.0, -0.9, 0.9}) {  // input units, 0.225 of the engine's
       Camera camera = panorama(48, 24);

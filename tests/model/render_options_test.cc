@@ -25,10 +25,11 @@ namespace {
 // A new option does not compile until it is named here, and given another value below.
 auto fields(RenderOptions& o) {
   auto& [background, unclipped, bbox, time, min_transmittance, stop_transmittance, unshaded,
-         shared_colour, precision, supersample, sample_factor, max_samples, uniform_share] = o;
+         shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
+         uniform_share] = o;
   return std::tie(background, unclipped, bbox, time, min_transmittance, stop_transmittance,
-                  unshaded, shared_colour, precision, supersample, sample_factor, max_samples,
-                  uniform_share);
+                  unshaded, shared_colour, interpolated, precision, supersample, sample_factor,
+                  max_samples, uniform_share);
 }
 using Fields = decltype(fields(std::declval<RenderOptions&>()));
 
@@ -40,6 +41,7 @@ const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
                          0.9_r,
                          0.125_r,
                          0.5_r,
+                         0.0_r,
                          Precision::kBf16,
                          2,
                          0.5_r,
@@ -50,8 +52,10 @@ static_assert(std::tuple_size_v<decltype(kOthers)> == kCount);
 
 struct About {
   const char* name;
-  bool of_networks;     // whether it is the paper methods' too
-  bool of_grid = true;  // a static field is the same at any time
+  bool of_networks;  // whether it is the paper methods' too
+  // A static field is the same at any time, and neighbours in a picture of random features differ
+  // too much to stand for one another (pixel_lattice_test.cc has one where they do).
+  bool of_grid = true;
 };
 constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"unclipped", true},
@@ -61,6 +65,7 @@ constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"stop_transmittance", false},
                                             {"unshaded", false},
                                             {"shared_colour", false},
+                                            {"interpolated", false, false},
                                             {"precision", true},
                                             {"supersample", true},
                                             {"sample_factor", false},

@@ -33,6 +33,7 @@ TEST(Render, BoxOfTheOptionsKeepsTheInputsAxes) {
   // units.
   const test::BoxedView view = test::boxed_view(to_engine);
   RenderOptions options;
+  options.interpolated = 0;
   options.bbox = view.box;
   ThreadPool pool(2);
   test::expect_opacity_inside(view, to_engine,
@@ -46,7 +47,7 @@ TEST(Render, LightLeftWithoutColourIsBounded) {
   ThreadPool pool(2);
   RenderOptions whole;
   whole.background = {0, 0, 0};
-  whole.unshaded = 0;
+  whole.unshaded = whole.interpolated = 0;
   RenderOptions part = whole;
   part.unshaded = 0.125_r;
   const Frame a = render(field, camera, pose, whole, pool);
@@ -173,6 +174,7 @@ TEST(Render, TheCachesStopIsTheOptionsAlone) {
     std::vector<int64_t> now;
     for (const Real stop : {0.0_r, 1e-6_r, 1e-4_r, 1e-2_r}) {
       RenderOptions options;
+      options.interpolated = 0;
       options.min_transmittance = stop;
       now.push_back(render(same, camera, pose, options, pool).statistics.segments);
       if (now.size() > 1) {

@@ -59,6 +59,7 @@ TEST(Supersampling, AveragesALargerPicture) {
   const Pose pose = nine_units_before(to_engine);
   ThreadPool pool(2);
   RenderOptions one, three;
+  one.interpolated = three.interpolated = 0;  // the means are of all rays
   one.supersample = 1;
   three.supersample = 3;
   three.background = one.background = {0.2, 0.9, 0.4};
