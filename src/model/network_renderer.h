@@ -11,12 +11,8 @@
 
 namespace nerf::internal {
 
-class BakedOccupancy;
-
-// `occupancy` may be null: nothing is skipped.
-Frame render_network(const NetworkField& field, const ModelInfo& info,
-                     const BakedOccupancy* occupancy, const Camera& camera,
-                     const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+Frame render_network(const RadianceField& field, const Camera& camera, const Pose& camera_to_world,
+                     const RenderOptions& options, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel);
 
 }  // namespace nerf::internal

@@ -129,13 +129,11 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
-    return radiance.is_grid()
-               ? GridPicture(radiance.grid(), info, part, camera_to_world, options, pool, at,
-                             cancel)
-                     .render(n)
-               : internal::render_network(radiance.network(), info,
-                                          options.unclipped ? nullptr : radiance.baked(), part,
-                                          camera_to_world, options, pool, at, cancel);
+    return radiance.is_grid() ? GridPicture(radiance.grid(), info, part, camera_to_world, options,
+                                            pool, at, cancel)
+                                    .render(n)
+                              : internal::render_network(radiance, part, camera_to_world, options,
+                                                         pool, at, cancel);
   };
   return n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
                : render_part(camera, progress);

@@ -181,12 +181,15 @@ TEST(NerfBench, KernelsAreMeasuredBesideTheMachinesCeilings) {
             (std::set<std::string>{"linear 64-16 forward", "linear 64-16 backward input",
                                    "linear 64-16 backward weights"}));
   EXPECT_EQ(measured("2^15 entries"),
-            (std::set<std::string>{"hash grid 10x4 forward, 2^15 entries, 2^16 samples",
-                                   "hash grid 10x4 forward in 16 bits, 2^15 entries, 2^16 samples",
-                                   "hash grid 10x4 backward, 2^15 entries, 2^16 samples",
-                                   "hash grid 16x2 forward, 2^15 entries, 2^18 samples",
-                                   "hash grid 16x2 forward in 16 bits, 2^15 entries, 2^18 samples",
-                                   "hash grid 16x2 backward, 2^15 entries, 2^18 samples"}));
+            (std::set<std::string>{
+                "hash grid 10x4 forward, 2^15 entries, 2^16 samples",
+                "hash grid 10x4 forward in 16 bits, 2^15 entries, 2^16 samples",
+                "hash grid 10x4 backward, 2^15 entries, 2^16 samples",
+                "hash grid 10x4 position gradient in 16 bits, 2^15 entries, 2^16 samples",
+                "hash grid 16x2 forward, 2^15 entries, 2^18 samples",
+                "hash grid 16x2 forward in 16 bits, 2^15 entries, 2^18 samples",
+                "hash grid 16x2 backward, 2^15 entries, 2^18 samples",
+                "hash grid 16x2 position gradient in 16 bits, 2^15 entries, 2^18 samples"}));
   EXPECT_EQ(measured("Adam dense").size(), 1u);
   for (const char* kernel : {"list of rows", "ReLU backward", "transpose"})
     EXPECT_EQ(measured(kernel).size(), 1u) << kernel;

@@ -128,6 +128,8 @@ TEST(TrainOptionsText, NearAndFarOfTheCaptureGoBeforeAMethodsOwn) {
 TEST(TrainOptionsText, AMethodIsToldWhatItDoesNotRead) {
   Scene scene;
   scene.alpha = scene.unbounded = true;  // so that nothing of the scene's leaves an option out
+  scene.views.resize(1);
+  scene.views[0].depth_path = "depth.png";
   apps::TrainCommand grid, nerf;
   nerf.train = method_options("nerf", Scale::kTiny);
   int of_grid = 0, of_papers = 0;

@@ -129,7 +129,7 @@ void use_own_loss(const char* folder) {
   const nerf::Scene scene = nerf::load_scene(folder, load);
   const nerf::PhotoSet photos = nerf::load_photos(scene, pool);
   nerf::TrainOptions options;
-  options.steps = 60;
+  options.steps = 250;
   options.grid_recipe.batch_samples = 9600;
   options.grid.levels = 4;
   options.grid.log2_entries = 12;

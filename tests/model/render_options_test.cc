@@ -52,10 +52,8 @@ static_assert(std::tuple_size_v<decltype(kOthers)> == kCount);
 
 struct About {
   const char* name;
-  bool of_networks;  // whether it is the paper methods' too
-  // A static field is the same at any time, and neighbours in a picture of random features differ
-  // too much to stand for one another (pixel_lattice_test.cc has one where they do).
-  bool of_grid = true;
+  bool of_networks;     // whether it is the paper methods' too
+  bool of_grid = true;  // a static field is the same at any time
 };
 constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"unclipped", true},
@@ -65,7 +63,7 @@ constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"stop_transmittance", false},
                                             {"unshaded", false},
                                             {"shared_colour", false},
-                                            {"interpolated", false, false},
+                                            {"interpolated", false},
                                             {"precision", true},
                                             {"supersample", true},
                                             {"sample_factor", false},

@@ -26,14 +26,14 @@ TEST(Methods, AChangedRowChangesTheModelAndTheTable) {
   using namespace internal;
   std::vector<MethodRow> rows(method_rows().begin(), method_rows().end());
   ASSERT_EQ(table_of(rows), methods_table());
-  rows[1].paper = [](TrainOptions& o) {
-    method_rows()[1].paper(o);
+  rows[2].paper = [](TrainOptions& o) {
+    method_rows()[2].paper(o);
     o.network.space = Space::kContract;
     o.network.position_degrees = 7;
     o.network.opaque_end = true;
     o.recipe.distortion = 0.25_r;
   };
-  const TrainOptions built = options_of(rows[1], Scale::kPaper);
+  const TrainOptions built = options_of(rows[2], Scale::kPaper);
   // The encoding of 7 frequencies along three axes, sine and cosine, feeds the first layer.
   EXPECT_EQ(place_networks(built.network)[0].trunk[0].in, 2 * 3 * 7);
   const std::string table = table_of(rows);

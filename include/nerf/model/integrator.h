@@ -1,0 +1,51 @@
+// The integral of a field along rays: what pictures, mirrors, inserted objects and viewers are made
+// of. Cameras only make rays (math/ray.h); a ray ends at its own far distance, before a background
+// of its own.
+//
+//   light that reaches t:  T(t) = exp(-integral of density up to t)
+//   colour:                integral of T density colour dt + T(far) background
+// (Mildenhall et al. 2020, equation 1, by quadrature.)
+#pragma once
+
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/real.h"
+#include "nerf/base/threads.h"
+#include "nerf/math/ray.h"
+#include "nerf/model/renderer.h"
+
+namespace nerf {
+
+// What is wanted besides colour, opacity and median distance; what is not costs nothing.
+struct Layers {
+  bool moments = false;      // mean distance of what stops the light, and its variance
+  bool percentiles = false;  // distances at which 5 % and 95 % of the light are stopped
+  bool samples = false;      // network samples asked for
+  bool normal = false;       // against the gradient of density where half of the light is stopped
+};
+
+// A number (or three) for each ray; empty where not wanted. Distances are along the ray, engine
+// units; 0 where the ray does not stop so much light.
+struct RayResults {
+  std::vector<Real> rgb;      // [n][3], sRGB, the ray's background composited in
+  std::vector<Real> opacity;  // [n], 1 - T(far)
+  std::vector<Real> median;
+  std::vector<Real> mean, variance;  // of the light that is stopped, not of the background's
+  std::vector<Real> near, far;       // 5 % and 95 %
+  std::vector<int32_t> samples;
+  std::vector<Vec3> normal;  // unit, engine coordinates, towards where density falls; else 0
+  RenderStatistics statistics;
+};
+
+// Of RenderOptions neither background, time nor supersample are looked at: the rays have theirs.
+// Neighbouring rays should follow each other, since they read the same memory. The same bits for
+// any number of threads. Throws Cancelled.
+RayResults integrate(const RadianceField& field, std::span<const Ray> rays, const Layers& layers,
+                     const RenderOptions& options, ThreadPool& pool,
+                     const std::function<void(double)>& progress = {},
+                     const Cancel* cancel = nullptr);
+
+}  // namespace nerf

@@ -1,0 +1,44 @@
+// What integrate() and pictures ask a kind of field for.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "model/oblique_box.h"
+#include "nerf/base/threads.h"
+#include "nerf/math/ray.h"
+#include "nerf/model/renderer.h"
+
+namespace nerf {
+class RadianceField;
+}
+
+namespace nerf::internal {
+
+// Where results go, each at the place of its ray. Zero before; colours and opacities are always
+// there, the others where they are wanted. Distances are along the ray, engine units.
+struct RaySink {
+  Real* rgb = nullptr;  // [..][3]
+  Real* opacity = nullptr;
+  double* median = nullptr;
+  Real *mean = nullptr, *variance = nullptr;
+  Real *near = nullptr, *far = nullptr;
+  int32_t* samples = nullptr;
+};
+
+inline constexpr double kNearShare = 0.05, kFarShare = 0.95;  // of the light, stopped
+
+class FieldIntegrator {
+ public:
+  virtual ~FieldIntegrator() = default;
+  // A few hundred neighbouring rays, by one of the pool's threads.
+  virtual void integrate(std::span<const Ray> rays, const RaySink& sink, int thread) = 0;
+  virtual RenderStatistics statistics() const = 0;  // of all rays
+};
+
+// The field and the options must outlive it.
+std::unique_ptr<FieldIntegrator> make_integrator(const RadianceField& field,
+                                                 const RenderOptions& options, ThreadPool& pool);
+
+}  // namespace nerf::internal

@@ -1,0 +1,267 @@
+#include "model/grid_integrator.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "nerf/kernels/elementwise.h"
+
+namespace nerf::internal {
+
+namespace {
+
+SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
+  SamplerOptions s = field.options.sampler;
+  s.min_transmittance = options.min_transmittance;
+  s.samples_per_cell *= options.sample_factor;
+  s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
+  s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
+  return s;
+}
+
+// Adds n features of a sample of weight w to its ray's.
+inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
+  constexpr size_t kUsual = 16;
+  if (n == kUsual)
+    for (size_t f = 0; f < kUsual; ++f) sums[f] += w * x[f];
+  else
+    for (size_t f = 0; f < n; ++f) sums[f] += w * x[f];
+}
+
+}  // namespace
+
+GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
+                               const RenderOptions& options, const std::optional<ObliqueBox>& box)
+    : field_(field),
+      options_(options),
+      box_(box),
+      tape_(field, /*training=*/false),
+      chunk_(tape_.tape),
+      shading_(tape_.tape),
+      sampler_(field.occupancy, sampler_options(field, options), field.clip) {
+  chunk_.weights = shading_.weights = field.weights.data();
+  chunk_.packs = shading_.packs = &packs;
+  delta_row_ = chunk_.data(tape_.delta);
+  direction_rows_ = chunk_.data(tape_.directions);
+  for (auto* a : {&x_, &y_, &z_}) *a = AlignedArray<Real>(kChunkSamples);
+  for (auto* a : {&geometry_, &shaded_geometry_})
+    *a = AlignedArray<Real>(kChunkSamples * geometry_features());
+  ray_begin_.resize(kChunkRays + 1);
+  shaded_begin_.resize(kChunkRays + 1);
+}
+
+void GridIntegrator::begin(const RaySink& sink) {
+  sink_ = sink;
+  has_moments_ = sink.mean || sink.variance;
+  has_percentiles_ = sink.near || sink.far;
+  ways_.clear();
+  t_.clear();
+  delta_.clear();
+}
+
+// Places the samples of a ray.
+void GridIntegrator::add(const Ray& given, int place) {
+  Way way;
+  way.place = place;
+  way.background = given.background;
+  Ray ray = given;
+  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way);
+  ++statistics_.rays;
+  if (std::isinf(ray.clear)) return close(way);
+  const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
+                                       : sampler_.sample(ray, nullptr, true, samples_);
+  statistics_.segments += static_cast<int64_t>(sampler_.segments().size());
+  if (count == 0) return close(way);
+  way.entry = sampler_.entry();
+  way.direction = ray.direction.cast<Real>();
+  way.start = sampler_.start();
+  way.begin = way.next = t_.size();
+  t_.insert(t_.end(), samples_.t.begin(), samples_.t.end());
+  delta_.insert(delta_.end(), samples_.delta.begin(), samples_.delta.end());
+  way.end = t_.size();
+  ways_.push_back(way);
+}
+
+void GridIntegrator::finish() {
+  ask();
+  shade();
+}
+
+void GridIntegrator::ask() {
+  geometry_sums_.assign(ways_.size() * geometry_features(), 0.0_r);
+  waiting_.resize(ways_.size());
+  std::iota(waiting_.begin(), waiting_.end(), size_t{0});
+  while (!waiting_.empty()) {
+    for (const size_t w : waiting_) {
+      const size_t until = std::min(ways_[w].next + kStretch, ways_[w].end);
+      while (!ways_[w].finished && ways_[w].next < until) {
+        if (samples_used_ == kChunkSamples || parts_ == kChunkRays)
+          flush();
+        else
+          add_part(w, until);
+      }
+    }
+    flush();
+    std::erase_if(waiting_, [&](size_t w) { return ways_[w].finished; });
+  }
+}
+
+void GridIntegrator::add_part(size_t w, size_t until) {
+  constexpr int64_t lr = kChunkRays;
+  Way& way = ways_[w];
+  part_way_[parts_] = w;
+  part_first_[parts_] = way.next;
+  ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
+  const size_t n = std::min(until - way.next, static_cast<size_t>(kChunkSamples - samples_used_));
+  const size_t at = static_cast<size_t>(samples_used_);
+  const Real* const delta = delta_.data() + way.next;
+  if (n == kStretch)
+    std::copy_n(delta, kStretch, delta_row_ + at);  // without a call
+  else
+    std::copy_n(delta, n, delta_row_ + at);
+  place_samples(field_, way.entry, way.direction, t_.data() + way.next, static_cast<int64_t>(n),
+                x_.data() + at, y_.data() + at, z_.data() + at);
+  way.next += n;
+  samples_used_ += static_cast<int>(n);
+  for (int k = 0; k < 3; ++k) direction_rows_[k * lr + parts_] = way.direction[k];
+  ++parts_;
+  ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
+}
+
+void GridIntegrator::flush() {
+  if (parts_ == 0) return;
+  const int64_t padded = round_up(samples_used_, kLane);
+  for (int64_t i = samples_used_; i < padded; ++i) {
+    const size_t at = static_cast<size_t>(i);
+    x_[at] = y_[at] = z_[at] = 0.5_r;
+    delta_row_[i] = 0;
+  }
+  chunk_.samples = samples_used_;
+  chunk_.rays = parts_;
+  chunk_.ray_begin = ray_begin_.data();
+  encode(field_, {x_.data(), y_.data(), z_.data()}, samples_used_, chunk_.data(tape_.features),
+         chunk_.stride(tape_.features));
+  tape_.forward_density(chunk_);
+  opacity(samples_used_, chunk_.data(tape_.density), delta_row_, alphas_.data());
+  const size_t features = geometry_features();
+  transpose(samples_used_, static_cast<int64_t>(features), chunk_.data(tape_.geometry),
+            chunk_.stride(tape_.geometry), geometry_.data(), static_cast<int64_t>(features));
+  statistics_.density_evaluations += samples_used_;
+  for (int part = 0; part < parts_; ++part) composite(part);
+  parts_ = samples_used_ = 0;
+}
+
+void GridIntegrator::composite(int part) {
+  const size_t features = geometry_features(), w = part_way_[part];
+  Way& way = ways_[w];
+  Real* const sums = geometry_sums_.data() + w * features;
+  const int begin = ray_begin_[static_cast<size_t>(part)];
+  const int end = ray_begin_[static_cast<size_t>(part) + 1];
+  const Real* const t = t_.data() + part_first_[part] - begin;
+  // In registers: a store to the sums might change what lies in memory.
+  double transmittance = way.transmittance;
+  Real unshaded = way.unshaded, shared = way.shared;
+  for (int i = begin; i < end; ++i) {
+    const double alpha = alphas_[static_cast<size_t>(i)];
+    const Real weight = static_cast<Real>(transmittance * alpha);
+    if (unshaded + weight <= options_.unshaded) {
+      unshaded += weight;
+    } else {
+      if (shared + weight > options_.shared_colour) {
+        add_shaded(w, shared);
+        shared = 0;
+      }
+      shared += weight;
+      add_weighted(features, weight, geometry_.data() + static_cast<size_t>(i) * features, sums);
+    }
+    if (has_moments_) {
+      const double light = transmittance * alpha, distance = way.start + t[i];
+      way.light += light;
+      way.first_moment += light * distance;
+      way.second_moment += light * distance * distance;
+    }
+    transmittance *= 1 - alpha;
+    if (way.median < 0 && transmittance <= 0.5) way.median = t[i];
+    if (has_percentiles_) {
+      if (way.near < 0 && transmittance <= 1 - kNearShare) way.near = t[i];
+      if (way.far < 0 && transmittance <= 1 - kFarShare) way.far = t[i];
+    }
+    // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
+    if (transmittance < options_.stop_transmittance) break;
+  }
+  way.transmittance = transmittance;
+  way.unshaded = unshaded;
+  way.shared = shared;
+  if (way.next < way.end && !(transmittance < options_.stop_transmittance)) return;
+  add_shaded(w, shared);
+  close(way);
+}
+
+void GridIntegrator::add_shaded(size_t w, Real shared) {
+  const Way& way = ways_[w];
+  if (!(shared > 0)) return;
+  if (shaded_ == kChunkSamples) shade();
+  const bool same_ray =
+      shaded_rays_ > 0 && shaded_place_[static_cast<size_t>(shaded_ - 1)] == way.place;
+  if (!same_ray) {
+    const int64_t lr = shading_.stride(tape_.directions);
+    for (int k = 0; k < 3; ++k)
+      shading_.data(tape_.directions)[k * lr + shaded_rays_] = way.direction[k];
+    shaded_begin_[static_cast<size_t>(shaded_rays_++)] = shaded_;
+  }
+  const Real scale = 1 / shared;
+  Real* to = shaded_geometry_.data() + static_cast<size_t>(shaded_) * geometry_features();
+  Real* sums = geometry_sums_.data() + w * geometry_features();
+  for (size_t f = 0; f < geometry_features(); ++f) {
+    to[f] = sums[f] * scale;
+    sums[f] = 0;
+  }
+  shaded_place_[static_cast<size_t>(shaded_)] = way.place;
+  shaded_weight_[static_cast<size_t>(shaded_)] = shared;
+  ++shaded_;
+}
+
+void GridIntegrator::shade() {
+  if (shaded_ == 0) return;
+  shaded_begin_[static_cast<size_t>(shaded_rays_)] = shaded_;
+  statistics_.colour_evaluations += shaded_;
+  shading_.samples = shaded_;
+  shading_.rays = shaded_rays_;
+  shading_.ray_begin = shaded_begin_.data();
+  const int64_t features = static_cast<int64_t>(geometry_features());
+  transpose(features, shaded_, shaded_geometry_.data(), features, shading_.data(tape_.geometry),
+            shading_.stride(tape_.geometry));
+  tape_.forward_colour(shading_);
+  const Real* colour = shading_.data(tape_.colour);
+  const int64_t lc = shading_.stride(tape_.colour);
+  for (int i = 0; i < shaded_; ++i) {
+    const size_t place = static_cast<size_t>(shaded_place_[static_cast<size_t>(i)]);
+    for (size_t k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + k] +=
+          shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+  }
+  shaded_ = shaded_rays_ = 0;
+}
+
+void GridIntegrator::close(Way& way) {
+  const size_t place = static_cast<size_t>(way.place);
+  for (int k = 0; k < 3; ++k)
+    sink_.rgb[3 * place + static_cast<size_t>(k)] +=
+        static_cast<Real>(way.transmittance * way.background[k]);
+  sink_.opacity[place] = static_cast<Real>(1 - way.transmittance);
+  if (sink_.median) sink_.median[place] = way.median < 0 ? 0 : way.start + way.median;
+  const auto distance = [&](Real t) { return t < 0 ? 0.0_r : static_cast<Real>(way.start + t); };
+  if (sink_.near) sink_.near[place] = distance(way.near);
+  if (sink_.far) sink_.far[place] = distance(way.far);
+  if (has_moments_ && way.light > 0) {
+    const double mean = way.first_moment / way.light;
+    if (sink_.mean) sink_.mean[place] = static_cast<Real>(mean);
+    if (sink_.variance)
+      sink_.variance[place] =
+          static_cast<Real>(std::max(0.0, way.second_moment / way.light - mean * mean));
+  }
+  if (sink_.samples) sink_.samples[place] = static_cast<int32_t>(way.next - way.begin);
+  way.finished = true;
+}
+
+}  // namespace nerf::internal

@@ -1,0 +1,115 @@
+#include "model/network_integrator.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/baked_occupancy.h"
+
+namespace nerf::internal {
+
+NetworkIntegrator::NetworkIntegrator(const NetworkField& field, const BakedOccupancy* occupancy,
+                                     const RenderOptions& options,
+                                     const std::optional<ObliqueBox>& box, ThreadPool& pool)
+    : field_(field),
+      occupancy_(options.unclipped ? nullptr : occupancy),
+      box_(box),
+      // Where most samples are skipped more rays fill a chunk.
+      per_chunk_(NetworkLevels::rays_per_chunk(field.options) * (occupancy_ ? 4 : 1)),
+      workers_(static_cast<size_t>(pool.size())) {
+  pack_layers(field.layers(), field.weights.data(), options.precision, packs_, pool);
+  if (!field.options.opaque_end) return;
+  open_end_ = field;
+  open_end_->options.opaque_end = false;
+}
+
+NetworkLevels& NetworkIntegrator::levels(bool cut, int thread) {
+  Worker& worker = workers_[static_cast<size_t>(thread)];
+  auto& made = cut ? worker.cut : worker.whole;
+  if (!made) {
+    made = std::make_unique<NetworkLevels>(cut && open_end_ ? *open_end_ : field_, per_chunk_);
+    made->skip_empty(occupancy_);
+    made->use_packs(&packs_);
+    if (cut) made->cut_rays();
+  }
+  return *made;
+}
+
+void NetworkIntegrator::integrate(std::span<const Ray> rays, const RaySink& sink, int thread) {
+  const bool cut = box_ || std::ranges::any_of(rays, [](const Ray& ray) {
+                     return ray.near > 0 || ray.far < Ray().far;
+                   });
+  NetworkLevels& own = levels(cut, thread);
+  RenderStatistics statistics;
+  std::vector<NetworkRay> part;
+  std::vector<size_t> places;
+  const auto render = [&] {
+    if (part.empty()) return;
+    own.forward(part, 1);
+    statistics.density_evaluations += own.dense_samples();
+    statistics.colour_evaluations += own.coloured_samples();
+    statistics.rays += static_cast<int64_t>(part.size());
+    for (size_t r = 0; r < part.size(); ++r)
+      give(own, static_cast<int>(r), rays[places[r]], places[r], sink);
+    part.clear();
+    places.clear();
+  };
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const Ray& line = rays[i];
+    for (size_t k = 0; k < 3; ++k) sink.rgb[3 * i + k] = line.background[static_cast<int>(k)];
+    auto ray = sampled_ray(field_, line);
+    if (!ray) continue;
+    if (cut) {
+      double near = line.near, far = line.far;
+      if (box_ && !box_->clip(line.origin, line.direction, near, far)) continue;
+      ray->drawn_from = static_cast<Real>(ray_parameter(field_, line, near));
+      ray->drawn_to = static_cast<Real>(ray_parameter(field_, line, far));
+    }
+    part.push_back(*ray);
+    places.push_back(i);
+    if (part.size() == static_cast<size_t>(per_chunk_)) render();
+  }
+  render();
+  std::lock_guard lock(mutex_);
+  statistics_ += statistics;
+}
+
+void NetworkIntegrator::give(const NetworkLevels& levels, int r, const Ray& ray, size_t place,
+                             const RaySink& sink) const {
+  Real opacity;
+  levels.pixel(r, sink.rgb + 3 * place, opacity);
+  sink.opacity[place] = std::min(opacity, 1.0_r);  // weights are rounded before they are added up
+  for (size_t k = 0; k < 3; ++k)
+    sink.rgb[3 * place + k] = std::clamp(sink.rgb[3 * place + k], 0.0_r, 1.0_r);
+  const auto distance = [&](double t) {
+    const double d = t < 0 ? 0 : ray_distance(field_, ray, t);
+    return std::isfinite(d) ? d : 0;
+  };
+  if (sink.median) sink.median[place] = distance(static_cast<double>(levels.median_distance(r)));
+  if (sink.samples) sink.samples[place] = levels.samples(levels.levels() - 1);
+  if (!sink.mean && !sink.variance && !sink.near && !sink.far) return;
+  const int last = levels.levels() - 1;
+  const auto weights = levels.weights(last, r);
+  const auto posts = levels.posts(last, r);
+  const bool intervals = levels.sampler().intervals();
+  double light = 0, first = 0, second = 0, near = -1, far = -1;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    const double w = static_cast<double>(weights[i]);
+    const double t0 = static_cast<double>(levels.sampler().distance(posts[i]));
+    const double t1 = intervals ? static_cast<double>(levels.sampler().distance(posts[i + 1])) : t0;
+    const double d = distance(0.5 * (t0 + t1));
+    light += w;
+    first += w * d;
+    second += w * d * d;
+    if (near < 0 && light >= kNearShare) near = d;
+    if (far < 0 && light >= kFarShare) far = d;
+  }
+  if (sink.near) sink.near[place] = static_cast<Real>(std::max(near, 0.0));
+  if (sink.far) sink.far[place] = static_cast<Real>(std::max(far, 0.0));
+  if (!(light > 0)) return;
+  const double mean = first / light;
+  if (sink.mean) sink.mean[place] = static_cast<Real>(mean);
+  if (sink.variance)
+    sink.variance[place] = static_cast<Real>(std::max(0.0, second / light - mean * mean));
+}
+
+}  // namespace nerf::internal

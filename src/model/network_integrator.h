@@ -1,0 +1,47 @@
+// The papers' methods' integral along rays.
+#pragma once
+
+#include <mutex>
+#include <vector>
+
+#include "model/field_integrator.h"
+#include "nerf/model/network_levels.h"
+
+namespace nerf::internal {
+
+class BakedOccupancy;
+
+class NetworkIntegrator final : public FieldIntegrator {
+ public:
+  // `occupancy` may be null: nothing is skipped. The field must outlive this.
+  NetworkIntegrator(const NetworkField& field, const BakedOccupancy* occupancy,
+                    const RenderOptions& options, const std::optional<ObliqueBox>& box,
+                    ThreadPool& pool);
+
+  void integrate(std::span<const Ray> rays, const RaySink& sink, int thread) override;
+  RenderStatistics statistics() const override { return statistics_; }
+  // Rays of a network call.
+  int chunk() const { return per_chunk_; }
+
+ private:
+  // Levels of one thread: as they are, or of rays whose parts outside [near, far] are cut off.
+  struct Worker {
+    std::unique_ptr<NetworkLevels> whole, cut;
+  };
+  NetworkLevels& levels(bool cut, int thread);
+  void give(const NetworkLevels& levels, int r, const Ray& ray, size_t place,
+            const RaySink& sink) const;
+
+  const NetworkField& field_;
+  const BakedOccupancy* occupancy_;
+  std::optional<ObliqueBox> box_;
+  std::optional<NetworkField>
+      open_end_;  // without an opaque end, which would be that of what is cut
+  LayerPacks packs_;
+  int per_chunk_;
+  std::vector<Worker> workers_;
+  std::mutex mutex_;
+  RenderStatistics statistics_;
+};
+
+}  // namespace nerf::internal
