@@ -43,11 +43,17 @@ StepReport TrainerImpl::finish_step(std::span<const Real> gradient, double loss)
   NERF_CHECK(open);
   NERF_CHECK_EQ(gradient.size(), pixels.rgba.size());
   pixel_gradient = gradient;
+  // Closed even where the loss or a gradient is no number: the trainer goes back from there.
+  struct Close {
+    TrainerImpl& trainer;
+    ~Close() {
+      trainer.pixel_gradient = {};
+      trainer.given = {};
+      trainer.open = false;
+    }
+  } close{*this};
   StepReport report = complete();
   report.loss += loss;
-  pixel_gradient = {};
-  given = {};
-  open = false;
   return report;
 }
 

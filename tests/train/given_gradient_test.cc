@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -111,6 +112,21 @@ TEST_P(GivenGradient, OfGivenRaysFitsWhatTheCallerWants) {
     last = loss;
   }
   EXPECT_LT(last, 0.2 * first) << first;
+}
+
+// What is no number does not reach the weights, and the trainer can begin anew.
+TEST_P(GivenGradient, ThatIsNoNumberEndsTheStep) {
+  const auto c = sphere_capture(4, 16);
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, options(20), pool),
+      fresh(c.scene, c.photos, options(20), pool);
+  const RayPixels& pixels = trainer.begin_step();
+  const std::vector<Real> gradient(pixels.rgba.size(), std::numeric_limits<Real>::quiet_NaN());
+  EXPECT_THROW(trainer.finish_step(gradient), NonFiniteError);
+  trainer.restart(0, 1);
+  trainer.step();
+  fresh.step();
+  EXPECT_EQ(test::bits_of(trainer), test::bits_of(fresh));
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, GivenGradient,
