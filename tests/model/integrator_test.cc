@@ -73,6 +73,29 @@ TEST(Integrate, GivesAMediumsClosedForms) {
   }
 }
 
+// The same of a network that knows nothing but its bias: one density between near and far.
+TEST(Integrate, GivesANetworksClosedForms) {
+  NetworkOptions o = test::small_network(test::mipnerf_options());
+  o.density_bias = 1;
+  o.sampling.coarse = o.sampling.fine = 128;
+  auto network = std::make_shared<NetworkField>(o, 0.5, 5);  // all weights are 0
+  const RadianceField field(test::some_info(), network);
+  ThreadPool pool(1);
+  const std::vector<Ray> rays{through(0, 0)};
+  const RayResults r = integrate(field, rays, kAll, exact(), pool);
+  const double density = std::log1p(std::exp(1.0)), l = 4.5 * density, left = std::exp(-l);
+  EXPECT_NEAR(r.opacity[0], 1 - left, 1e-4);
+  const double mean = 1 - l * left / (1 - left);
+  const double second = 2 - (l * l + 2 * l) * left / (1 - left);
+  constexpr double kInterval = 4.5 / 128;
+  EXPECT_NEAR(r.median[0], 0.5 + std::log(2.0) / density, 2 * kInterval);
+  EXPECT_NEAR(r.near[0], 0.5 - std::log(0.95) / density, 2 * kInterval);
+  EXPECT_NEAR(r.far[0], 0.5 - std::log(0.05) / density, 4 * kInterval);
+  EXPECT_NEAR(r.mean[0], 0.5 + mean / density, 2 * kInterval);
+  EXPECT_NEAR(r.variance[0], (second - mean * mean) / (density * density), 4 * kInterval);
+  EXPECT_EQ(r.samples[0], 128);
+}
+
 TEST(Integrate, OfAPicturesRaysIsThePicture) {
   ThreadPool pool(2);
   const Camera camera = test::pinhole(30, 20, 25);
