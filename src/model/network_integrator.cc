@@ -17,16 +17,22 @@ NetworkIntegrator::NetworkIntegrator(const NetworkField& field, const BakedOccup
       per_chunk_(NetworkLevels::rays_per_chunk(field.options) * (occupancy_ ? 4 : 1)),
       workers_(static_cast<size_t>(pool.size())) {
   pack_layers(field.layers(), field.weights.data(), options.precision, packs_, pool);
-  if (!field.options.opaque_end) return;
-  open_end_ = field;
-  open_end_->options.opaque_end = false;
+}
+
+const NetworkField& NetworkIntegrator::field_of(bool cut) {
+  if (!cut || !field_.options.opaque_end) return field_;
+  std::call_once(open_end_made_, [&] {
+    open_end_ = field_;
+    open_end_->options.opaque_end = false;
+  });
+  return *open_end_;
 }
 
 NetworkLevels& NetworkIntegrator::levels(bool cut, int thread) {
   Worker& worker = workers_[static_cast<size_t>(thread)];
   auto& made = cut ? worker.cut : worker.whole;
   if (!made) {
-    made = std::make_unique<NetworkLevels>(cut && open_end_ ? *open_end_ : field_, per_chunk_);
+    made = std::make_unique<NetworkLevels>(field_of(cut), per_chunk_);
     made->skip_empty(occupancy_);
     made->use_packs(&packs_);
     if (cut) made->cut_rays();

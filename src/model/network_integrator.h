@@ -28,6 +28,7 @@ class NetworkIntegrator final : public FieldIntegrator {
   struct Worker {
     std::unique_ptr<NetworkLevels> whole, cut;
   };
+  const NetworkField& field_of(bool cut);
   NetworkLevels& levels(bool cut, int thread);
   void give(const NetworkLevels& levels, int r, const Ray& ray, size_t place,
             const RaySink& sink) const;
@@ -35,8 +36,9 @@ class NetworkIntegrator final : public FieldIntegrator {
   const NetworkField& field_;
   const BakedOccupancy* occupancy_;
   std::optional<ObliqueBox> box_;
-  std::optional<NetworkField>
-      open_end_;  // without an opaque end, which would be that of what is cut
+  // Made when first needed: without an opaque end, which would be that of what is cut off.
+  std::optional<NetworkField> open_end_;
+  std::once_flag open_end_made_;
   LayerPacks packs_;
   int per_chunk_;
   std::vector<Worker> workers_;
