@@ -223,6 +223,7 @@ class Training {
     options.max_views = last ? 0 : command_.eval_views;
     options.pictures = folder_.pictures();
     options.precision = trainer_.options().precision;
+    options.fit_light = command_.fit_light;
     Progress progress("evaluating");
     const Evaluation e = evaluate(
         trainer_.snapshot(), scene_, photos_, options, pool_,
@@ -271,9 +272,10 @@ class Training {
     log_info(fmt::format("besides     decoding {:.1f} s, evaluation {:.1f} s, saving {:.1f} s",
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     if (summary_.evaluation.counted > 0)
-      log_info(fmt::format("held out    PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views",
-                           summary_.evaluation.psnr, summary_.evaluation.ssim,
-                           summary_.evaluation.counted));
+      log_info(fmt::format(
+          "held out    PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views{}", summary_.evaluation.psnr,
+          summary_.evaluation.ssim, summary_.evaluation.counted,
+          summary_.evaluation.halves ? " (right halves, in a light that fits the left ones)" : ""));
     if (summary_.evaluation.scales.size() > 1)
       for (const ScaleScore& s : summary_.evaluation.scales)
         log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,

@@ -10,6 +10,7 @@
 #include "nerf/base/options.h"
 #include "nerf/io/scene.h"
 #include "nerf/math/option_types.h"
+#include "nerf/train/evaluation.h"
 #include "nerf/train/methods.h"
 #include "nerf/train/run.h"
 #include "nerf/train/trainer.h"
@@ -60,6 +61,7 @@ struct TrainCommand {
   bool overwrite = false;
   double eval_every = 2;
   int eval_views = 4;
+  FitLight fit_light = FitLight::kAuto;
   double checkpoint_every = 2;
   int report_every = 50;
   TrainOptions train;
@@ -116,6 +118,10 @@ struct TrainCommand {
       at_least(0), not_of_result(), brief("minutes between evaluations"));
     v("eval_views", eval_views,
       "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0),
+      not_of_result());
+    v("fit_light", fit_light,
+      "whether a held-out photo's light is found from its left half and the right half compared; "
+      "auto: where the photos' light was learnt",
       not_of_result());
     v("checkpoint_every", checkpoint_every,
       "minutes of training between checkpoints; 0: only at the end", at_least(0), not_of_result());

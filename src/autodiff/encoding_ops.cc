@@ -129,23 +129,25 @@ class RepeatForSamples : public Operation {
   const char* name() const override { return "repeat_for_samples"; }
 
   void forward(Chunk& c) const override {
-    const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
+    const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output()), n = c.count(output());
+    const RayRanges columns = internal::rays_of(c, output());
     const Real* x = c.data(inputs()[0]);
     Real* y = c.data(output());
     for (int k = 0; k < c.tape->rows(output()); ++k) {
       for (int r = 0; r < c.rays; ++r)
-        std::fill(y + k * ls + c.ray_begin[r], y + k * ls + c.ray_begin[r + 1], x[k * lr + r]);
-      std::fill(y + k * ls + c.samples, y + k * ls + round_up(c.samples, kLane), 0.0_r);
+        std::fill(y + k * ls + columns.begin[r], y + k * ls + columns.begin[r + 1], x[k * lr + r]);
+      std::fill(y + k * ls + n, y + k * ls + round_up(n, kLane), 0.0_r);
     }
   }
   void backward(Chunk& c) const override {
     const int64_t lr = c.stride(inputs()[0]), ls = c.stride(output());
+    const RayRanges columns = internal::rays_of(c, output());
     const Real* dy = c.gradient(output());
     Real* dx = c.gradient(inputs()[0]);
     for (int k = 0; k < c.tape->rows(output()); ++k) {
       for (int r = 0; r < c.rays; ++r) {
         double sum = overwrites(0) ? 0 : double{dx[k * lr + r]};  // however long the ray is
-        for (int s = c.ray_begin[r]; s < c.ray_begin[r + 1]; ++s) sum += double{dy[k * ls + s]};
+        for (int s = columns.begin[r]; s < columns.begin[r + 1]; ++s) sum += double{dy[k * ls + s]};
         dx[k * lr + r] = static_cast<Real>(sum);
       }
       if (overwrites(0))
@@ -219,9 +221,11 @@ Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees) {
   return y;
 }
 
-Value repeat_for_samples(Tape& tape, Value x) {
-  NERF_CHECK(tape.domain(x) == Domain::kRays);
-  const Value y = tape.output(tape.rows(x), Domain::kSamples, {&x, 1});
+Value repeat_for_samples(Tape& tape, Value x) { return repeat_for(tape, x, Domain::kSamples); }
+
+Value repeat_for(Tape& tape, Value x, Domain domain) {
+  NERF_CHECK(tape.domain(x) == Domain::kRays && domain != Domain::kRays);
+  const Value y = tape.output(tape.rows(x), domain, {&x, 1});
   tape.record(std::make_unique<RepeatForSamples>(x, y));
   return y;
 }

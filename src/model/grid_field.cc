@@ -68,7 +68,8 @@ void GridOptions::check_options() const {
                 "--grid-finest-resolution", "give at least as many cells");
 }
 
-GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
+GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
+                     const CodeShape& shape_of_codes)
     : options(o),
       unbounded(is_unbounded),
       shape(hash_grid_shape(o)),
@@ -80,9 +81,11 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades)
   size_t size = 0;
   density_layers =
       place_layers(shape.features(), o.hidden, o.density_layers, o.geometry_features, size);
-  colour_layers =
-      place_layers(o.geometry_features + kSphericalHarmonics, o.hidden, o.colour_layers, 3, size);
-  weights = AlignedArray<Real>(size);
+  const int code = shape_of_codes.any() ? shape_of_codes.appearance : 0;
+  colour_layers = place_layers(o.geometry_features + kSphericalHarmonics + code, o.hidden,
+                               o.colour_layers, 3, size);
+  books = CodeBooks(shape_of_codes, size);
+  weights = AlignedArray<Real>(size + books.size());
   std::vector<LinearWeights*> all;
   for (auto* layers : {&density_layers, &colour_layers})
     for (LinearWeights& w : *layers) all.push_back(&w);
@@ -122,6 +125,10 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   delta = tape.input(1, Domain::kSamples);
   background = tape.input(3, Domain::kRays);
 
+  const LinearWeights &codes = field.books.appearance, &changes = field.books.colours;
+  if (training && !field.books.empty()) photo = tape.input(1, Domain::kRays);
+  if (!training && codes.out > 0) code = tape.input(codes.in, Domain::kRays);
+
   geometry = mlp(tape, features, field.density_layers);
   if (training && losses.roulette) roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
@@ -133,8 +140,12 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     return;
   }
   const auto colour_of = [&](Value geometry_features, Domain domain) {
-    const Value code = view_code(tape, directions, domain);
-    return sigmoid(tape, mlp(tape, concat(tape, geometry_features, code), field.colour_layers));
+    Value seen = concat(tape, geometry_features, view_code(tape, directions, domain));
+    if (codes.out > 0) {
+      const Value of_rays = training ? table_rows(tape, photo, codes) : code;
+      seen = concat(tape, seen, repeat_for(tape, of_rays, domain));
+    }
+    return sigmoid(tape, mlp(tape, seen, field.colour_layers));
   };
   const bool grouped = training && losses.shared_colour > 0;
   if (!grouped) colour = colour_of(geometry, Domain::kSamples);
@@ -155,6 +166,8 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     weight_gradient = tape.input(1, Domain::kSamples);
     add_gradient(tape, image.weights, weight_gradient);
   }
+  if (training && changes.out > 0)
+    image.pixel = change_colours(tape, image.pixel, table_rows(tape, photo, changes));
   if (training) pixel_loss = record_pixel_loss(tape, image.pixel, losses.pixel);
   tape.plan();
 }

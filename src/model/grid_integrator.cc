@@ -39,6 +39,8 @@ GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
       chunk_(tape_.tape),
       shading_(tape_.tape),
       sampler_(field.occupancy, sampler_options(field, options), field.clip) {
+  if (tape_.code >= 0)
+    code_ = options.appearance.code.empty() ? field.default_code() : options.appearance.code;
   chunk_.weights = shading_.weights = field.weights.data();
   chunk_.packs = shading_.packs = &packs;
   delta_row_ = chunk_.data(tape_.delta);
@@ -231,6 +233,7 @@ void GridIntegrator::shade() {
   const int64_t features = static_cast<int64_t>(geometry_features());
   transpose(features, shaded_, shaded_geometry_.data(), features, shading_.data(tape_.geometry),
             shading_.stride(tape_.geometry));
+  if (tape_.code >= 0) fill_rows(code_, shaded_rays_, tape_.code, shading_);
   tape_.forward_colour(shading_);
   const Real* colour = shading_.data(tape_.colour);
   const int64_t lc = shading_.stride(tape_.colour);

@@ -60,6 +60,7 @@ class GridIntegrator {
   const GridField& field_;
   const RenderOptions& options_;
   std::optional<ObliqueBox> box_;
+  std::vector<Real> code_;  // of the picture's appearance, where the field has codes
   RaySink sink_;
   bool has_moments_ = false, has_percentiles_ = false;
   GridTape tape_;

@@ -69,6 +69,7 @@ class GridQuery final : public FieldQuery {
       for (int k = 0; k < 3; ++k)
         chunk.data(tape.directions)[k * lr + i] =
             static_cast<Real>(points.directions[begin + static_cast<size_t>(i)][k]);
+    if (coloured) set_code(points.photo, n, w);
     if (coloured)
       tape.forward_field(chunk);
     else
@@ -80,6 +81,17 @@ class GridQuery final : public FieldQuery {
       for (int64_t k = 0; k < 3; ++k)
         answers.rgb[3 * (begin + static_cast<size_t>(i)) + static_cast<size_t>(k)] =
             chunk.data(tape.colour)[k * lc + i];
+  }
+
+  // The code of a photo, the same for all points.
+  void set_code(int photo, int n, Worker& w) {
+    if (w.tape.code < 0) return;
+    if (photo != photo_ || code_.empty()) {
+      code_ = photo < 0 ? field_.default_code()
+                        : appearance_of(field_.books, field_.weights.span(), photo).code;
+      photo_ = photo;
+    }
+    fill_rows(code_, n, w.tape.code, w.chunk);
   }
 
   // Backward from density to the features, and from these to positions level by level.
@@ -121,6 +133,8 @@ class GridQuery final : public FieldQuery {
   std::unique_ptr<Worker> plain_, sloped_;
   alignas(64) Real x_[kBlock], y_[kBlock], z_[kBlock];
   int32_t ray_begin_[kBlock + 1];
+  std::vector<Real> code_;  // of photo_
+  int photo_ = -1;
   AlignedArray<Real> unused_;  // gradient of the networks
 };
 

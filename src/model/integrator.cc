@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 
+#include "model/appearance.h"
 #include "model/field_integrator.h"
 #include "nerf/base/error.h"
 #include "nerf/model/field.h"
@@ -69,6 +70,7 @@ RayResults integrate(const RadianceField& radiance, std::span<const Ray> rays, c
                      const std::function<void(double)>& progress, const Cancel* cancel) {
   const size_t n = rays.size();
   RayResults out = results_of(n, layers);
+  internal::check_appearance(radiance.field(), options.appearance);
   const auto integrator = internal::make_integrator(radiance, options, pool);
   std::vector<std::unique_ptr<FieldQuery>> queries(static_cast<size_t>(pool.size()));
   std::mutex mutex;
@@ -97,6 +99,7 @@ RayResults integrate(const RadianceField& radiance, std::span<const Ray> rays, c
     if (progress) progress(static_cast<double>(++done) / static_cast<double>(items));
   });
   out.statistics = integrator->statistics();
+  internal::change_colours(options.appearance, out.rgb);
   return out;
 }
 

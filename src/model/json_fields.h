@@ -48,6 +48,16 @@ class JsonFields {
     if (!at(key).is_string()) fail("expected a text", key);
     return at(key).get<std::string>();
   }
+  std::vector<std::string> texts(const char* key) const {
+    const nlohmann::json& list = at(key);
+    if (!list.is_array()) fail("expected a list", key);
+    std::vector<std::string> out;
+    for (const auto& item : list) {
+      if (!item.is_string()) fail("expected texts only", key);
+      out.push_back(item.get<std::string>());
+    }
+    return out;
+  }
   bool boolean(const char* key) const {
     if (!at(key).is_boolean()) fail("expected true or false", key);
     return at(key).get<bool>();

@@ -64,10 +64,35 @@ std::vector<float> to_single(std::span<const Real> values) {
   return out;
 }
 
-void read_networks(const ContainerReader& file, std::span<Real> weights) {
+void read_weights(const ContainerReader& file, const char* section, std::span<Real> weights) {
+  if (weights.empty()) return;
   std::vector<float> stored(weights.size());
-  file.read("networks", std::span(stored));
+  file.read(section, std::span(stored));
   std::copy(stored.begin(), stored.end(), weights.begin());
+}
+
+// The networks, and what was learnt of each photo.
+void read_weights(const ContainerReader& file, std::span<Real> weights, size_t networks) {
+  read_weights(file, "networks", weights.first(networks));
+  read_weights(file, "codes", weights.subspan(networks));
+}
+
+Json codes_to_json(const CodeShape& shape) {
+  return {{"appearance", shape.appearance}, {"colours", shape.colours}, {"photos", shape.photos}};
+}
+
+// Files without codes do not name any. Allocates no more than the file has shown to hold.
+CodeShape codes_from(const ContainerReader& file, const JsonFields& header) {
+  CodeShape shape;
+  if (!header.has("codes")) return shape;
+  const JsonFields f = header.object("codes");
+  shape.appearance = static_cast<int>(f.integer("appearance", 0, 256));
+  shape.colours = f.boolean("colours");
+  shape.photos = f.texts("photos");
+  if (file.decoded_bytes("codes") != CodeBooks(shape, 0).size() * sizeof(float))
+    throw Error("is a damaged model file: its codes do not have the size that its photos ask for",
+                file.where());
+  return shape;
 }
 
 // What the options ask for is allocated only when the file has shown to hold as much.
@@ -83,9 +108,12 @@ RadianceField read_network(const ContainerReader& file, const JsonFields& header
     throw Error(
         "is a damaged model file: its networks do not have the size that its options ask for",
         file.where());
-  auto field = std::make_shared<NetworkField>(options, near, far);
+  const CodeShape codes = codes_from(file, header);
+  if (!codes.photos.empty() && codes.appearance != options.image_code)
+    header.fail("does not fit the codes' size", "options.image_code");
+  auto field = std::make_shared<NetworkField>(options, near, far, codes.photos);
   if (options.space == Space::kNdc) field->ndc = ndc_from(header.object("ndc"));
-  read_networks(file, field->weights.span());
+  read_weights(file, field->weights.span(), field->network_size());
   return RadianceField(std::move(info), std::move(field));
 }
 
@@ -110,9 +138,10 @@ RadianceField read_model(const ContainerReader& file) {
         file.where());
 
   options.table_bits = kTableBits;
-  auto field = std::make_shared<GridField>(options, info.unbounded, cascades);
+  auto field =
+      std::make_shared<GridField>(options, info.unbounded, cascades, codes_from(file, header));
   file.read("table", field->half_table.span());
-  read_networks(file, field->weights.span());
+  read_weights(file, field->weights.span(), field->network_size());
   std::vector<uint8_t> levels(field->occupancy.levels().size());
   file.read("occupancy", std::span(levels));
   field->occupancy.set_levels(levels);
@@ -136,6 +165,14 @@ RadianceField RadianceField::load(const std::filesystem::path& path) {
 void RadianceField::save(const std::filesystem::path& path) const {
   using internal::Json;
   Json header = internal::model_info_to_json(info_);
+  const CodeBooks& books = field().codes();
+  if (!books.empty()) header["codes"] = internal::codes_to_json(books.shape());
+  const std::vector<float> weights = internal::to_single(field().all_weights());
+  const std::span<const float> networks = std::span(weights).first(weights.size() - books.size());
+  const auto add_weights = [&](internal::ContainerWriter& file) {
+    file.add("networks", networks);
+    if (!books.empty()) file.add("codes", std::span(weights).subspan(networks.size()));
+  };
   if (network_) {
     header["options"] = Json::parse(options_to_json(network_->options));
     header["sample_near"] = network_->near;
@@ -143,8 +180,7 @@ void RadianceField::save(const std::filesystem::path& path) const {
     if (network_->options.space == Space::kNdc)
       header["ndc"] = internal::ndc_to_json(network_->ndc);
     internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));
-    const std::vector<float> weights = internal::to_single(network_->weights.span());
-    file.add("networks", std::span<const float>(weights));
+    add_weights(file);
     file.save(path, internal::kModelFormat);
     return;
   }
@@ -159,8 +195,7 @@ void RadianceField::save(const std::filesystem::path& path) const {
   std::span<const uint16_t> table = grid_->half_table.span();
   if (table.empty()) table = half = internal::to_half(grid_->table.span());
   file.add("table", table);
-  const std::vector<float> weights = internal::to_single(grid_->weights.span());
-  file.add("networks", std::span<const float>(weights));
+  add_weights(file);
   file.add("occupancy", grid_->occupancy.levels(), internal::SectionEncoding::kZlib);
   file.save(path, internal::kModelFormat);
 }

@@ -172,10 +172,16 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos)
   return networks;
 }
 
-NetworkField::NetworkField(const NetworkOptions& o, double n, double f, int photos)
-    : options(o), near(n), far(f), networks(place_networks(o, photos)) {
+CodeShape code_shape(const NetworkOptions& o, std::vector<std::string> photos) {
+  return {o.image_code, false, std::move(photos)};
+}
+
+NetworkField::NetworkField(const NetworkOptions& o, double n, double f,
+                           std::vector<std::string> photos)
+    : options(o), near(n), far(f), networks(place_networks(o, static_cast<int>(photos.size()))) {
   simd_target();  // chosen, or found missing, before any kernel runs
-  weights = AlignedArray<Real>(network_size() + codes().size());
+  books = CodeBooks(code_shape(o, std::move(photos)), network_size());
+  weights = AlignedArray<Real>(network_size() + books.size());
 }
 
 size_t NetworkField::parameters() const {
@@ -200,7 +206,7 @@ void NetworkField::initialise(uint64_t seed) {
       uniform_weights(w, options.initialisation, Random(seed, kStream, layer++), weights.data());
     });
   // Of variance 1 / image_code, as the authors' embeddings begin (flax.linen.Embed).
-  const LinearWeights& c = codes();
+  const LinearWeights& c = books.appearance;
   Random random(seed, kStream, layer++);
   for (int j = 0; j < c.out; ++j)
     for (int k = 0; k < c.in; ++k)
@@ -220,14 +226,14 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
   background = tape.input(3, Domain::kRays);
 
   const std::vector<Real> open(static_cast<size_t>(o.position_degrees), 1.0_r);
-  const Value code = o.integrated()
-                         ? integrated_encoding(tape, position, variance, o.position_degrees)
-                         : frequency_encoding(tape, position, open, /*identity=*/true);
-  Value h = code;
+  const Value encoded = o.integrated()
+                            ? integrated_encoding(tape, position, variance, o.position_degrees)
+                            : frequency_encoding(tape, position, open, /*identity=*/true);
+  Value h = encoded;
   const int depth = static_cast<int>(n.trunk.size());
   for (int i = 0; i < depth; ++i) {
     h = linear(tape, h, n.trunk[static_cast<size_t>(i)], LinearActivation::kRelu);
-    if (skip_behind(i, o.skip, depth)) h = concat(tape, code, h);
+    if (skip_behind(i, o.skip, depth)) h = concat(tape, encoded, h);
   }
   Value raw = linear(tape, h, n.density, LinearActivation::kNone);
   if (losses.density_noise) {
@@ -255,8 +261,14 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
       seen = linear(tape, h, n.bottleneck, LinearActivation::kNone);
       seen = concat(tape, seen, repeat_for_samples(tape, view));
       if (o.image_code > 0) {
-        photo = tape.input(1, Domain::kRays);
-        seen = concat(tape, seen, repeat_for_samples(tape, table_rows(tape, photo, n.codes)));
+        Value numbers;
+        if (purpose == Purpose::kTrain) {
+          photo = tape.input(1, Domain::kRays);
+          numbers = table_rows(tape, photo, n.codes);
+        } else {
+          numbers = code = tape.input(o.image_code, Domain::kRays);
+        }
+        seen = concat(tape, seen, repeat_for_samples(tape, numbers));
       }
       seen = linear(tape, seen, n.view, LinearActivation::kRelu);
     }

@@ -13,6 +13,7 @@ NetworkIntegrator::NetworkIntegrator(const NetworkField& field, const BakedOccup
     : field_(field),
       occupancy_(options.unclipped ? nullptr : occupancy),
       box_(box),
+      code_(options.appearance.code),
       // Where most samples are skipped more rays fill a chunk.
       per_chunk_(NetworkLevels::rays_per_chunk(field.options) * (occupancy_ ? 4 : 1)),
       workers_(static_cast<size_t>(pool.size())) {
@@ -34,6 +35,7 @@ NetworkLevels& NetworkIntegrator::levels(bool cut, int thread) {
   if (!made) {
     made = std::make_unique<NetworkLevels>(field_of(cut), per_chunk_);
     made->skip_empty(occupancy_);
+    if (!code_.empty()) made->use_code(code_);
     made->use_packs(&packs_);
     if (cut) made->cut_rays();
   }

@@ -36,6 +36,7 @@ class NetworkIntegrator final : public FieldIntegrator {
   const NetworkField& field_;
   const BakedOccupancy* occupancy_;
   std::optional<ObliqueBox> box_;
+  std::vector<Real> code_;  // of the pictures' light; empty: the field's default
   // Made when first needed: without an opaque end, which would be that of what is cut off.
   std::optional<NetworkField> open_end_;
   std::once_flag open_end_made_;

@@ -41,7 +41,8 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
       training_(training),
       losses_(losses),
       sampler_(field.options.sampling, field.near, field.far),
-      axes_(encoding_axes(field.options)) {
+      axes_(encoding_axes(field.options)),
+      code_(field.default_code()) {
   for (int l = 0; l < sampler_.levels(); ++l) {
     const int samples = sampler_.samples(l);
     const auto of_level = losses_of_level(losses, l + 1 == sampler_.levels(), training);

@@ -61,6 +61,8 @@ void NetworkLevels::place_rays(Level& level) {
       c.data(tape.background)[k * lr + r] = ray.background[k];
     }
     if (tape.photo >= 0) c.data(tape.photo)[r] = static_cast<Real>(ray.photo);
+    for (size_t k = 0; tape.code >= 0 && k < code_.size(); ++k)
+      c.data(tape.code)[static_cast<int64_t>(k) * lr + r] = code_[k];
     if (!training_ || tape.pixel_loss.target < 0) continue;
     for (int k = 0; k < 3; ++k) c.data(tape.pixel_loss.target)[k * lr + r] = ray.target[k];
     c.data(tape.pixel_loss.scale)[r] = ray.scale * (last ? 1.0_r : losses_.coarse);

@@ -86,8 +86,12 @@ class NetworkQuery final : public FieldQuery {
       }
       const Vec3d d = points.directions.empty() ? Vec3d{0, 0, 1} : points.directions[at];
       for (int k = 0; k < 3; ++k) c.data(w.tape.directions)[k * lr + i] = static_cast<Real>(d[k]);
-      if (w.tape.photo >= 0) c.data(w.tape.photo)[i] = static_cast<Real>(points.code);
     }
+    if (w.tape.code >= 0)
+      fill_rows(points.photo < 0
+                    ? field_.default_code()
+                    : appearance_of(field_.books, field_.weights.span(), points.photo).code,
+                n, w.tape.code, c);
     ray_begin_[n] = n;
     c.samples = c.rays = n;
     c.ray_begin = ray_begin_;

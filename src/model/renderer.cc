@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 
+#include "model/appearance.h"
 #include "model/network_renderer.h"
 #include "model/pixel_lattice.h"
 #include "model/supersampling.h"
@@ -126,6 +127,7 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
              const RenderOptions& options, ThreadPool& pool,
              const std::function<void(double)>& progress, const Cancel* cancel) {
   const ModelInfo& info = radiance.info();
+  internal::check_appearance(radiance.field(), options.appearance);
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
@@ -135,8 +137,10 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
                               : internal::render_network(radiance, part, camera_to_world, options,
                                                          pool, at, cancel);
   };
-  return n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
-               : render_part(camera, progress);
+  Frame frame = n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
+                      : render_part(camera, progress);
+  internal::change_colours(options.appearance, frame.rgb);
+  return frame;
 }
 
 }  // namespace nerf

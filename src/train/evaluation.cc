@@ -9,7 +9,9 @@
 #include "nerf/base/file.h"
 #include "nerf/base/text.h"
 #include "nerf/io/depth_image.h"
+#include "nerf/model/field.h"
 #include "nerf/train/metrics.h"
+#include "train/photo_fit.h"
 
 namespace nerf {
 namespace {
@@ -47,6 +49,17 @@ void paste(const Image8& from, int x0, Image8& to) {
   for (int y = 0; y < from.height; ++y)
     std::copy_n(from.pixels.begin() + static_cast<ptrdiff_t>(static_cast<size_t>(y) * row), row,
                 to.pixels.begin() + (static_cast<ptrdiff_t>(y) * to.width + x0) * 3);
+}
+
+// A photo's mask without what its light was fitted to.
+std::vector<uint8_t> right_half(const Photo& photo) {
+  const size_t width = static_cast<size_t>(photo.width), height = static_cast<size_t>(photo.height);
+  std::vector<uint8_t> mask = photo.mask;
+  if (mask.empty()) mask.assign(width * height, 255);
+  for (size_t y = 0; y < height; ++y)
+    std::fill_n(mask.begin() + static_cast<ptrdiff_t>(y * width), fitted_columns(photo.width),
+                uint8_t{0});
+  return mask;
 }
 
 // Mean of the values that are there; 0 where none is.
@@ -114,6 +127,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   render_options.background = evaluation_background(model.info());
   render_options.precision = options.precision;
   Evaluation result;
+  result.halves = options.fit_light == FitLight::kOn ||
+                  (options.fit_light == FitLight::kAuto && !model.field().codes().empty());
   std::set<std::string> used;
   for (size_t i = 0; i < views.size(); ++i) {
     const size_t v = static_cast<size_t>(views[i]);
@@ -122,15 +137,19 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
       if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
     };
     render_options.time = static_cast<Real>(scene.views[v].time);
+    if (result.halves)
+      render_options.appearance = fit_appearance(field, photos.cameras[v], scene.views[v].pose,
+                                                 photo, render_options, pool, cancel);
+    const std::vector<uint8_t> mask = result.halves ? right_half(photo) : photo.mask;
     const Frame frame =
         render(field, photos.cameras[v], scene.views[v].pose, render_options, pool, at, cancel);
     const Image8 truth = photo_over(photo, render_options.background);
     const Image8 rendering = to_picture(frame);
-    result.views.push_back({scene.views[v].name, psnr(truth, rendering, photo.mask),
-                            ssim(truth, rendering, pool, photo.mask), scene.views[v].scale});
+    result.views.push_back({scene.views[v].name, psnr(truth, rendering, mask),
+                            ssim(truth, rendering, pool, mask), scene.views[v].scale});
     if (!options.pictures.empty())
       write_image(options.pictures / picture_file(scene.views[v].name, used),
-                  side_by_side(truth, photo.mask, rendering, frame));
+                  side_by_side(truth, mask, rendering, frame));
   }
   const auto score = [](const std::vector<ViewScore>& of) {
     ScaleScore s;

@@ -38,6 +38,9 @@ void GridTrainer::bind(int64_t c, const GridTape& tape, Chunk& chunk) {
   const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
   std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
   std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
+  for (int r = 0; tape.photo >= 0 && r < chunk.rays; ++r)
+    chunk.data(tape.photo)[r] =
+        static_cast<Real>(batch.photo[static_cast<size_t>(c * kChunkRays + r)]);
 }
 
 Real GridTrainer::scale_of(int64_t c, int ray) const {

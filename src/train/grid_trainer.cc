@@ -20,6 +20,10 @@ int cascades_of(const Scene& scene) {
   return c;
 }
 
+CodeShape learnt_light(const LightRecipe& light, const std::vector<std::string>& photos) {
+  return {light.appearance.count, light.colour_correction == Switch::kOn, photos};
+}
+
 }  // namespace
 
 TableState::TableState(const GridField& field)
@@ -49,7 +53,8 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
       depth_weight(depth_loss_weight(o, s, p)),
-      field(resolved(o.grid, s, p), s.unbounded, cascades_of(s)),
+      field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
+            learnt_light(o.grid_recipe.light, source.files())),
       optimiser(field),
       errors(p, s.train, static_cast<Real>(o.grid_recipe.error_guidance)),
       maker(source, errors, field, distortion > 0 || depth_weight > 0, t),
@@ -66,6 +71,14 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   };
   add("density", field.density_layers);
   add("colour", field.colour_layers);
+  const LightRecipe& light = o.grid_recipe.light;
+  const auto add_book = [&](const char* name, const LinearWeights& book, double rate,
+                            double decay) {
+    if (book.out > 0)
+      sections.push_back({name, book.offset, book.offset + book.size(), 0, rate, decay});
+  };
+  add_book("the photos' appearance", field.books.appearance, light.code_rate, light.code_decay);
+  add_book("the photos' colours", field.books.colours, light.colour_rate, light.colour_decay);
   dense = std::make_unique<DenseParameters>(field.weights.span(), field.layers(),
                                             std::move(sections), kAccumulators);
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));

@@ -339,11 +339,7 @@ void NetworkTrainer::begin_anew() {
 }
 
 RadianceField NetworkTrainer::snapshot(ModelInfo info) const {
-  // Without the photos' codes, which new views do not have.
-  auto network = std::make_shared<NetworkField>(field.options, field.near, field.far);
-  std::copy_n(field.weights.begin(), network->weights.size(), network->weights.begin());
-  network->ndc = field.ndc;
-  return RadianceField(std::move(info), std::move(network));
+  return RadianceField(std::move(info), std::make_shared<NetworkField>(field));
 }
 
 namespace {

@@ -55,12 +55,20 @@ void DenseParameters::reduce(int64_t step, ThreadPool& pool) {
 void DenseParameters::update(const AdamStep& adam, int64_t step, Precision precision,
                              ThreadPool& pool) {
   constexpr int64_t kBlock = 1 << 16;
-  const int64_t n = static_cast<int64_t>(gradient.size());
-  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
-    const int64_t at = block * kBlock;
-    adam_dense(adam, step, std::min(kBlock, n - at), gradient.data() + at, m.data() + at,
-               v.data() + at, weights_.data() + at);
-  });
+  for (const ParameterSection& section : sections_) {
+    AdamStep own = adam;
+    own.rate *= static_cast<Real>(section.rate);
+    const Real kept = 1 - own.rate * static_cast<Real>(section.decay);
+    const int64_t n = static_cast<int64_t>(section.end - section.begin);
+    pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
+      const size_t at = section.begin + static_cast<size_t>(block * kBlock);
+      const int64_t count = std::min(kBlock, n - block * kBlock);
+      if (section.decay > 0)
+        for (Real& w : weights_.subspan(at, static_cast<size_t>(count))) w *= kept;
+      adam_dense(own, step, count, gradient.data() + at, m.data() + at, v.data() + at,
+                 weights_.data() + at);
+    });
+  }
   pack(precision, pool);
 }
 

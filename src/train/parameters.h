@@ -19,6 +19,9 @@ struct ParameterSection {
   std::string name;  // for messages: "network 1"
   size_t begin = 0, end = 0;
   double clip = 0;  // largest norm of its gradient; 0: any
+  double rate = 1;  // of the step size
+  double decay =
+      0;  // of the numbers themselves: share of the step size (Loshchilov and Hutter 2019)
 };
 
 // Gradient and moments of one array of weights, which belongs to a field. Chunks of a step add to a

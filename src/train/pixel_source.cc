@@ -11,8 +11,10 @@
 
 namespace nerf {
 
-PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
+PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, double sighting_share)
     : photos_(photos), views_(scene.train) {
+  if (sighting_share > 0) sightings_ = sightings_of(scene, photos);
+  if (!sightings_.empty()) sighting_share_ = static_cast<Real>(sighting_share);
   const std::vector<double> near = near_of_views(scene);
   pixels_before_.push_back(0);
   double weight = 0;
@@ -28,12 +30,13 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos)
     has_depth_ = has_depth_ || !p.depth.empty();
     const std::filesystem::path file =
         view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
-    files_.push_back(files.try_emplace(file, static_cast<int>(files.size())).first->second);
+    const auto [known, is_new] = files.try_emplace(file, static_cast<int>(files.size()));
+    files_.push_back(known->second);
+    if (is_new) file_names_.push_back(view.name);
     weights_.push_back(static_cast<Real>(view.scale * view.scale));
     weight += static_cast<double>(weights_.back()) *
               static_cast<double>(pixels_before_.back() - pixels_before_[poses_.size() - 1]);
   }
-  file_count_ = static_cast<int>(files.size());
   if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
   mean_weight_ = weight / static_cast<double>(pixels_before_.back());
   const auto keeps_any = [&](int v) {
@@ -51,6 +54,15 @@ bool PixelSource::draw(Random& random, Pixel& out) const {
 
 // A place in one of the photos: each pixel as often as the others, of a panorama each solid angle.
 void PixelSource::choose(Random& random, Pixel& out) const {
+  if (sighting_share_ > 0 && random.uniform() < sighting_share_) {
+    const Sighting& seen = sightings_[static_cast<size_t>(random.below(sightings_.size()))];
+    out.source = seen.source;
+    out.photo = &photos_.photos[static_cast<size_t>(views_[seen.source])];
+    out.x = seen.x;
+    out.y = seen.y;
+    out.distance = seen.distance;
+    return;
+  }
   for (;;) {
     const uint64_t at = random.below(pixels_before_.back());
     out.source =
@@ -138,7 +150,7 @@ bool PixelSource::cast(Pixel& out) const {
 
 bool PixelSource::read(Pixel& out) const {
   if (!read_colour(out)) return false;
-  if (!has_depth_ || !(out.along_axis > 0)) return true;
+  if (out.distance > 0 || !has_depth_ || !(out.along_axis > 0)) return true;
   const Vec2d centre = out.centre();
   out.distance = out.photo->depth.at(centre.x / out.photo->width, centre.y / out.photo->height) /
                  out.along_axis;

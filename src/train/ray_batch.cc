@@ -30,6 +30,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   tile.resize(static_cast<size_t>(max) * kChunkRays);
   weight.resize(tile.size());
   depth.resize(tile.size());
+  photo.resize(tile.size());
 }
 
 void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
@@ -84,6 +85,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.valid = true;
     record.tile = pixel.tile;
     record.weight = pixel.weight;
+    record.photo = pixel.ray.photo;
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
@@ -147,6 +149,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
     batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
+    batch.photo[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.photo;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];

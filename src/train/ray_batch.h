@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "nerf/base/aligned.h"
@@ -13,13 +14,15 @@
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
 #include "train/error_map.h"
+#include "train/sightings.h"
 
 namespace nerf {
 
 // Training pixels and their rays in engine coordinates.
 class PixelSource {
  public:
-  PixelSource(const Scene& scene, const PhotoSet& photos);
+  // sighting_share: of the pixels drawn, those that show a sparse point.
+  PixelSource(const Scene& scene, const PhotoSet& photos, double sighting_share = 0);
 
   struct Pixel {
     Ray ray;
@@ -44,7 +47,7 @@ class PixelSource {
   bool draw_from(size_t i, Random& random, double share, Pixel& out) const;
   size_t photos() const { return views_.size(); }
   // Photos of different files: Ray::photo is one of them, the same at every scale.
-  int files() const { return file_count_; }
+  const std::vector<std::string>& files() const { return file_names_; }
   bool has_depth() const { return has_depth_; }        // some photo has a depth map
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
@@ -67,9 +70,11 @@ class PixelSource {
   std::vector<Pose> poses_;              // engine coordinates
   std::vector<Real> weights_;            // of each photo's pixels
   std::vector<int> files_;               // see Ray::photo
-  int file_count_ = 0;
+  std::vector<std::string> file_names_;
   double mean_weight_ = 1;
   bool has_depth_ = false;
+  std::vector<Sighting> sightings_;
+  Real sighting_share_ = 0;
   std::vector<double> near_;  // engine units; no sample closer to the camera
   std::vector<Real> times_;   // see Ray::time
 };
@@ -93,6 +98,7 @@ struct RayBatch {
   AlignedArray<Real> direction, background, target;  // [chunk][3][kChunkRays]
   std::vector<int32_t> tile;                         // of the error map, [chunk][kChunkRays]
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
+  std::vector<int32_t> photo;                        // Ray::photo, as `weight`
   std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
@@ -143,7 +149,7 @@ class RayBatchMaker {
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
     Real depth = 0;
-    int32_t tile = 0;
+    int32_t tile = 0, photo = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step
   };

@@ -50,8 +50,14 @@ double depth_loss_weight(const TrainOptions& options, const Scene& scene, const 
   const auto has_depth = [&](int v) {
     return !photos.photos[static_cast<size_t>(v)].depth.empty();
   };
-  if (std::ranges::none_of(scene.train, has_depth)) return 0;
+  if (std::ranges::none_of(scene.train, has_depth) && !(point_depth_share(options, scene) > 0))
+    return 0;
   return options.grid_recipe.depth_loss.value_or(kUsual);
+}
+
+double point_depth_share(const TrainOptions& options, const Scene& scene) {
+  if (scene.observations.empty()) return 0;
+  return options.grid_recipe.point_depth.value_or(0.0);
 }
 
 TrainingPlan TrainOptions::plan() const { return {steps, hold, plan_changes}; }

@@ -23,7 +23,7 @@ struct TrainerImpl {
         options(options),
         pool(pool),
         schedule(schedule),
-        source(scene, photos) {}
+        source(scene, photos, point_depth_share(options, scene)) {}
   virtual ~TrainerImpl() = default;
 
   StepReport step();

@@ -60,6 +60,8 @@ Value integrated_encoding(Tape& tape, Value mean, Value variance, int degrees);
 
 // [d x rays] -> [d x samples]: a ray's column for each of its samples.
 Value repeat_for_samples(Tape& tape, Value x);
+// Or [d x groups], behind group_light(): for each of its groups.
+Value repeat_for(Tape& tape, Value x, Domain domain);
 
 // [1 x n] -> [w.in x n]: row floor(index) of the table w [w.out x w.in], whose numbers are learnt;
 // zeros where the index is below 0. A code for each photo (Bojanowski et al. 2018).
@@ -109,6 +111,10 @@ Value mean_of_groups(Tape& tape, Value weights, Value x);
 // Adds `gradient` [rows of x], which the caller fills between forward and backward, to the gradient
 // of x: for losses that are computed beside the tape (parts/losses.h).
 void add_gradient(Tape& tape, Value x, Value gradient);
+
+// pixel [4 x rays], change [12 x rays] -> [4 x rays]: colours through an affine map of their ray's,
+// rgb' = (I + A) rgb + b, A standing by rows above b; the opacity as it is.
+Value change_colours(Tape& tape, Value pixel, Value change);
 
 // Russian roulette (kernels/roulette.h) on the gradient of x [rows x samples], once all operations
 // recorded after this one have added to it. Operations recorded before it go back with the kept

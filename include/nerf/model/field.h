@@ -12,6 +12,7 @@
 #include "nerf/autodiff/linear_weights.h"
 #include "nerf/base/real.h"
 #include "nerf/math/vec.h"
+#include "nerf/parts/codes.h"
 
 namespace nerf {
 
@@ -20,7 +21,7 @@ struct FieldPoints {
   std::span<const Vec3d> positions;
   std::span<const Vec3d> directions;  // unit; as many where colours are wanted, else none
   Real time = 0;                      // [0, 1]; a static field is the same at any
-  int code = -1;                      // of a photo, where the field keeps codes; below 0: none
+  int photo = -1;                     // in whose light; below 0: the field's default
 };
 
 // What is wanted of n points; an empty span is not computed.
@@ -46,6 +47,12 @@ struct Field {
   // there, and nothing elsewhere.
   virtual bool may_hold(const Vec3d& position) const = 0;
   virtual std::vector<LinearWeights> layers() const = 0;
+
+  // What is learnt of each photo, and its tables' weights.
+  virtual const CodeBooks& codes() const = 0;
+  virtual std::span<const Real> all_weights() const = 0;
+  // Of what is asked for without a photo: Appearance::code, where the field has one.
+  virtual std::vector<Real> default_code() const = 0;
 };
 
 }  // namespace nerf

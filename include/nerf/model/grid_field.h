@@ -1,8 +1,9 @@
 // The `grid` method's field: multiresolution hash grid, two small MLPs, occupancy.
 //
 //   position -> [contract] -> hash grid (F L features) -> MLP -> h (16)
-//   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction))
-// (Mueller et al. 2022, section 5.4.)
+//   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction, code))
+// (Mueller et al. 2022, section 5.4.) The code is the photo's, where light differs between photos
+// (Martin-Brualla et al. 2021, section 4.1).
 #pragma once
 
 #include <cstdint>
@@ -95,7 +96,7 @@ HashGridShape hash_grid_shape(const GridOptions& options);
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField final : Field {
-  GridField(const GridOptions& options, bool unbounded, int cascades);
+  GridField(const GridOptions& options, bool unbounded, int cascades, const CodeShape& codes = {});
 
   GridOptions options;
   bool unbounded;
@@ -105,10 +106,18 @@ struct GridField final : Field {
   AlignedArray<Real> table;
   AlignedArray<uint16_t> half_table;
   std::vector<LinearWeights> density_layers, colour_layers;
-  AlignedArray<Real> weights;  // of both networks
+  CodeBooks books;
+  AlignedArray<Real> weights;  // of both networks, then the books
+  size_t network_size() const { return weights.size() - books.size(); }
   std::vector<LinearWeights> layers() const override;
   std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
   bool may_hold(const Vec3d& position) const override;
+  const CodeBooks& codes() const override { return books; }
+  std::span<const Real> all_weights() const override { return weights.span(); }
+  // The mean over the photos.
+  std::vector<Real> default_code() const override {
+    return mean_appearance(books, weights.span()).code;
+  }
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
 
@@ -153,6 +162,8 @@ struct GridTape {
   Value directions = 0;        // in: [3 x rays]
   Value delta = 0;             // in: [1 x samples]
   Value background = 0;        // in: [3 x rays]
+  Value photo = -1;            // in, training with codes: [1 x rays], Ray::photo
+  Value code = -1;             // in, else, with an appearance code: [numbers x rays]
   PixelLossInputs pixel_loss;  // in, training only
   Value geometry = 0;          // between: [geometry_features x samples]
   Value density = 0;           // out: [1 x samples]

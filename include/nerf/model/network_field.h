@@ -33,6 +33,8 @@ struct RadianceNetwork {
 // The networks of these options, one behind the other: that of the levels before the last, unless
 // all share one, then the last level's. Behind them come the codes of so many photos.
 std::vector<RadianceNetwork> place_networks(const NetworkOptions& options, int photos = 0);
+// Of these photos, NetworkOptions::image_code numbers each.
+CodeShape code_shape(const NetworkOptions& options, std::vector<std::string> photos);
 
 inline const RadianceNetwork& network_of(const NetworkOptions& options,
                                          const std::vector<RadianceNetwork>& networks, int level) {
@@ -42,15 +44,16 @@ inline const RadianceNetwork& network_of(const NetworkOptions& options,
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct NetworkField final : Field {
   // near and far: the first and last distance of samples from a camera, engine units; 0 and 1 in
-  // normalised device coordinates. photos: that have a code (NetworkOptions::image_code), while it
-  // is trained; what is rendered knows none.
-  NetworkField(const NetworkOptions& options, double near, double far, int photos = 0);
+  // normalised device coordinates. photos: that have a code (NetworkOptions::image_code).
+  NetworkField(const NetworkOptions& options, double near, double far,
+               std::vector<std::string> photos = {});
 
   NetworkOptions options;
   double near, far;
   std::vector<RadianceNetwork> networks;
-  AlignedArray<Real> weights;
-  NdcFrame ndc;  // engine units; with Space::kNdc
+  CodeBooks books;
+  AlignedArray<Real> weights;  // of the networks, then the books
+  NdcFrame ndc;                // engine units; with Space::kNdc
 
   const RadianceNetwork& network_of(int level) const {
     return nerf::network_of(options, networks, level);
@@ -59,8 +62,13 @@ struct NetworkField final : Field {
   std::vector<LinearWeights> layers() const override;
   std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
   bool may_hold(const Vec3d&) const override { return true; }
-  size_t network_size() const { return networks.back().end; }  // of `weights`; then come the codes
-  const LinearWeights& codes() const { return networks.back().codes; }
+  const CodeBooks& codes() const override { return books; }
+  std::span<const Real> all_weights() const override { return weights.span(); }
+  // Zeros, as the authors have it.
+  std::vector<Real> default_code() const override {
+    return std::vector<Real>(static_cast<size_t>(options.image_code), 0.0_r);
+  }
+  size_t network_size() const { return networks.back().end; }  // of `weights`
   // Random weights, keyed by the seed; biases 0.
   void initialise(uint64_t seed);
 };
@@ -92,7 +100,8 @@ struct NetworkTape {
   Value variance = 0;    // in, integrated encodings: the same shape
   Value directions = 0;  // in: [3 x rays], unit
   Value delta = 0;       // in: [1 x samples]
-  Value photo = -1;      // in, with image codes: [1 x rays], number of the photo; below 0: none
+  Value photo = -1;      // in, training with image codes: [1 x rays], Ray::photo; below 0: zeros
+  Value code = -1;       // in, else with image codes: [image_code x rays]
   Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
   Value background = 0;  // in: [3 x rays]
   PixelLossInputs pixel_loss;   // in, training

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "nerf/base/real.h"
@@ -46,6 +47,10 @@ class NetworkLevels {
   // Pictures only: every ray ends where NetworkRay::drawn_to says and begins at drawn_from. Without
   // NetworkOptions::opaque_end, which would be the end of what is cut off.
   void cut_rays() { cut_ = true; }
+
+  // Pictures only: the light that colours are in (Appearance::code); without it the field's
+  // default.
+  void use_code(std::vector<Real> code) { code_ = std::move(code); }
 
   // The networks' products from these packs, which must outlive this.
   void use_packs(const LayerPacks* packs);
@@ -155,6 +160,7 @@ class NetworkLevels {
   std::span<NetworkRay> rays_;
   const internal::BakedOccupancy* occupancy_ = nullptr;
   bool cut_ = false;
+  std::vector<Real> code_;
   int64_t dense_ = 0, all_ = 0;
   std::vector<Real> edges_, final_edges_, gradient_of_all_;  // of losses on weights
 };

@@ -12,6 +12,7 @@
 #include "nerf/kernels/bf16.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
+#include "nerf/parts/codes.h"
 
 namespace nerf {
 
@@ -27,6 +28,9 @@ struct RenderOptions {
                              // without min_transmittance and what counts samples
   std::optional<Box3> bbox;  // input coordinates; nothing outside it is drawn
   Real time = 0;             // Ray::time of every ray
+  // The light that the picture is taken in, where the field has learnt the photos'; a part of
+  // another size than the field's is an error. Its change of colour is made last.
+  Appearance appearance;
   // A ray stops where the cached density lets less through, whatever it stopped at in training;
   // 0: nowhere.
   Real min_transmittance = 1e-6_r;

@@ -1,6 +1,7 @@
 // How close a trained field comes to photos that it has not seen.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "nerf/base/cancel.h"
+#include "nerf/base/options.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/image.h"
 #include "nerf/io/photos.h"
@@ -18,10 +20,23 @@
 
 namespace nerf {
 
+// Whether a held-out photo's light is found from its left half and its right half alone is
+// compared (Martin-Brualla et al. 2021, section 5).
+enum class FitLight {
+  kAuto,  // where the field has learnt the photos' light
+  kOff,   // the field's own light, the whole photo
+  kOn,    // right halves, whatever there is to fit: to compare with fields that have learnt light
+};
+inline auto option_names(FitLight) {
+  return std::array{OptionName{FitLight::kAuto, "auto"}, OptionName{FitLight::kOff, "off"},
+                    OptionName{FitLight::kOn, "on"}};
+}
+
 struct EvaluationOptions {
   int max_views = 0;               // 0: every held-out view; else at most so many, spread evenly
   std::filesystem::path pictures;  // folder for side-by-side pictures; empty: none are written
   Precision precision = Precision::kAuto;  // of the networks' products
+  FitLight fit_light = FitLight::kAuto;
 };
 
 // As metrics.h defines them; no value where nothing counts (masked out, or too small a picture).
@@ -44,6 +59,7 @@ struct Evaluation {
   std::vector<ScaleScore> scales;  // of each scale that there is
   double psnr = 0, ssim = 0;       // means over the views that have a value; 0 where none has
   int counted = 0;                 // views with a PSNR
+  bool halves = false;             // right halves were compared, after a fit to the left ones
   double seconds = 0;
 };
 
@@ -58,8 +74,9 @@ Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const
                     const Frame& frame);
 
 // Renders the views of scene.test at the size of their photos and compares 8-bit pictures (PSNR and
-// SSIM of metrics.h), masked-out pixels left out. Pictures are named after the views. `progress`
-// gets the fraction done. Throws Cancelled, and Error where a picture cannot be written.
+// SSIM of metrics.h), masked-out pixels left out; right halves alone where light is fitted.
+// Pictures are named after the views. `progress` gets the fraction done. Throws Cancelled, and
+// Error where a picture cannot be written.
 Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoSet& photos,
                     const EvaluationOptions& options, ThreadPool& pool,
                     const std::function<void(double)>& progress = {},

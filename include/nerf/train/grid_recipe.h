@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "nerf/base/options.h"
+#include "nerf/train/light_recipe.h"
 
 namespace nerf {
 
@@ -15,17 +16,19 @@ struct GridRecipe {
   double beta1 = 0.8, beta2 = 0.95;
   double final_beta1 = 0.9, final_beta2 = 0.99;
   double huber_delta = 0.5;
-  std::optional<double> distortion;  // see distortion_weight()
-  std::optional<double> depth_loss;  // see depth_loss_weight()
-  double early_samples = 0.2;        // of the first steps, as a share of samples_per_cell
-  double error_guidance = 0.7;       // 0: pixels are drawn uniformly; 1: where the error is
-  double shared_colour = 0.125;      // light of a pixel that samples of one colour have together
+  std::optional<double> distortion;   // see distortion_weight()
+  std::optional<double> depth_loss;   // see depth_loss_weight()
+  std::optional<double> point_depth;  // see point_depth_share()
+  double early_samples = 0.2;         // of the first steps, as a share of samples_per_cell
+  double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
+  double shared_colour = 0.125;       // light of a pixel that samples of one colour have together
   double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
   double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
   double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
   // Cells of the occupancy grid that cannot hold matter by the cameras, by the photos' alpha and by
   // the sparse points are in use all the same.
   bool keep_unseen = false, keep_transparent = false, keep_free = false;
+  LightRecipe light;
 
   template <class V>
   void visit_options(V& v) {
@@ -48,6 +51,10 @@ struct GridRecipe {
       "weight, at first, of the loss that draws the light of a ray to where its photo's depth map "
       "says, where there is one",
       at_least(0), at_most(1000));
+    v("point_depth", point_depth,
+      "share of the pixels that are drawn where a sparse point is seen, whose distance counts like "
+      "that of a depth map",
+      at_least(0), at_most(1));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
       "steps take, and where the scene is bounded all after 200 million samples: many rays first, "
@@ -80,6 +87,7 @@ struct GridRecipe {
     v("keep_free", keep_free,
       "cells that lie between cameras and the points they see, or nearer to cameras than what they "
       "see, may hold matter too, where a scene is unbounded");
+    light.visit_options(v);
     for (const char* name : {"network_l2", "late_levels", "coarse_photos"}) v.retired(name, 0.0);
     v.retired("every_row", false);
   }

@@ -115,6 +115,10 @@ double distortion_weight(const TrainOptions& options, const Scene& scene);
 // over rays; 0 where no training photo has one.
 double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos);
 
+// Of the grid method's pixels, those drawn where a sparse point is seen, whose distance the same
+// loss takes; 0 where the capture has no points.
+double point_depth_share(const TrainOptions& options, const Scene& scene);
+
 struct StepReport {
   int64_t step = 0;  // steps done
   double loss = 0;   // mean over rays and channels; 0 for rays that meet no matter

@@ -1,0 +1,62 @@
+// What is learnt of the light that each photo was taken in.
+#pragma once
+
+#include <string>
+
+#include "nerf/base/options.h"
+
+namespace nerf {
+
+// A number, none, or as many as the capture asks for.
+struct AutoCount {
+  bool automatic = true;
+  int count = 0;  // where not automatic
+  bool operator==(const AutoCount&) const = default;
+};
+
+enum class Switch { kAuto, kOff, kOn };
+inline auto option_names(Switch) {
+  return std::array{OptionName{Switch::kAuto, "auto"}, OptionName{Switch::kOff, "off"},
+                    OptionName{Switch::kOn, "on"}};
+}
+
+inline constexpr int kMostAppearance = 64;
+
+template <>
+struct OptionTraits<AutoCount> {
+  static constexpr OptionType kType = OptionType::kText;
+  static void describe(OptionField& f);
+  static OptionValue to_value(const AutoCount& x);
+  static AutoCount from_value(const OptionValue& v);
+};
+
+struct LightRecipe {
+  AutoCount appearance;
+  Switch colour_correction = Switch::kAuto;
+  double code_rate = 0.05, code_decay = 0.01;
+  double colour_rate = 0.02, colour_decay = 0.01;
+
+  template <class V>
+  void visit_options(V& v) {
+    v("appearance", appearance,
+      "numbers learnt for each photo that its colours depend on (weather, shadows, time of day): "
+      "auto, off or how many",
+      brief("numbers learnt for each photo's light: auto, off or N"));
+    v("colour_correction", colour_correction,
+      "a change of exposure and white balance that is learnt for each photo");
+    v("code_rate", code_rate, "step size of the appearance numbers, as a share of the networks'",
+      above(0), at_most(10));
+    v("code_decay", code_decay,
+      "how fast the appearance numbers fall to 0, as a share of their "
+      "step size",
+      at_least(0), at_most(100));
+    v("colour_rate", colour_rate,
+      "step size of the colour corrections, as a share of the networks'", above(0), at_most(10));
+    v("colour_decay", colour_decay,
+      "how fast the colour corrections fall to none, as a share of "
+      "their step size",
+      at_least(0), at_most(100));
+  }
+};
+
+}  // namespace nerf

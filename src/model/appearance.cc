@@ -1,0 +1,30 @@
+#include "model/appearance.h"
+
+#include <algorithm>
+#include <string>
+
+#include "nerf/base/error.h"
+
+namespace nerf::internal {
+
+void check_appearance(const Field& field, const Appearance& appearance) {
+  const size_t code = static_cast<size_t>(field.codes().shape().appearance);
+  if (!appearance.code.empty() && appearance.code.size() != code)
+    throw Error("a code of " + std::to_string(appearance.code.size()) +
+                    " numbers was given, and the model's have " + std::to_string(code),
+                "RenderOptions::appearance", "take appearance_of() the same model");
+  if (!appearance.colours.empty() && appearance.colours.size() != kColourChange)
+    throw Error("a change of colour has " + std::to_string(appearance.colours.size()) +
+                    " numbers instead of " + std::to_string(kColourChange),
+                "RenderOptions::appearance", "take appearance_of() the same model");
+}
+
+void change_colours(const Appearance& appearance, std::span<Real> rgb) {
+  if (appearance.colours.empty()) return;
+  for (size_t i = 0; i + 2 < rgb.size(); i += 3) {
+    const auto changed = appearance.changed(rgb.data() + i);
+    for (size_t k = 0; k < 3; ++k) rgb[i + k] = std::clamp(changed[k], 0.0_r, 1.0_r);
+  }
+}
+
+}  // namespace nerf::internal
