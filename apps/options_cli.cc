@@ -84,7 +84,8 @@ bool has_brief(const std::vector<OptionField>& fields) {
 // Refuses names that no field has, options given twice and options without their value, before
 // anything else is looked at: CLI11 would rather complain about a missing argument where a misspelt
 // option has swallowed it, and in its own words.
-void check_names(int argc, const char* const* argv, const std::vector<OptionField>& fields) {
+void check_names(int argc, const char* const* argv, const CollectedOptions& options) {
+  const std::vector<OptionField>& fields = options.fields;
   struct Known {
     std::string name;
     const OptionField* field = nullptr;
@@ -110,6 +111,13 @@ void check_names(int argc, const char* const* argv, const std::vector<OptionFiel
     const std::string name = is_long ? word : argument.substr(0, 2);
     const auto found = known.find(name);
     if (found == known.end()) {
+      const auto is_retired = [&](const RetiredOption& retired) {
+        OptionField was;
+        was.name = retired.name;
+        return option_flag(was) == name;
+      };
+      if (std::ranges::any_of(options.retired, is_retired))
+        throw Error(name + " is no more", "", "leave it out");
       std::vector<std::string> names;
       for (const auto& [key, value] : known)
         if (key.starts_with("--")) names.push_back(key);
@@ -163,8 +171,9 @@ void add_field(CLI::App& app, const OptionField& field, bool is_short, CommandLi
 }  // namespace
 
 CommandLine parse_fields(int argc, const char* const* argv, const ProgramText& text,
-                         const std::vector<OptionField>& fields) {
-  check_names(argc, argv, fields);
+                         const CollectedOptions& options) {
+  const std::vector<OptionField>& fields = options.fields;
+  check_names(argc, argv, options);
   CommandLine result;
   CLI::App app(text.description, text.name);
   app.get_formatter()->column_width(kNameColumns);

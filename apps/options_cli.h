@@ -29,13 +29,13 @@ struct CommandLine {
 // (naming the nearest known one), a missing or surplus value, an option given twice, a required one
 // missing, a value that set_option_text refuses.
 CommandLine parse_fields(int argc, const char* const* argv, const ProgramText& text,
-                         const std::vector<OptionField>& fields);
+                         const CollectedOptions& options);
 
 // The same for a struct, and then its check_options.
 template <class T>
 CommandLine parse_command_line(int argc, const char* const* argv, const ProgramText& text,
                                T& options) {
-  CommandLine result = parse_fields(argc, argv, text, option_fields(options));
+  CommandLine result = parse_fields(argc, argv, text, collect_options(options));
   if constexpr (requires { options.check_options(); })
     if (!result.exit) options.check_options();
   return result;

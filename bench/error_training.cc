@@ -152,8 +152,6 @@ ErrorCurve switches_curve(const ErrorBenchOptions& options) {
     std::vector<std::string> options;
   } switches[] = {
       {"as it is", {}},
-      {"pixels drawn evenly", {"--error-guidance", "0"}},
-      {"pixels drawn by their error alone", {"--error-guidance", "1"}},
       {"all samples from the start", {"--early-samples", "1"}},
       {"one sample per cell", {"--grid-samples-per-cell", "1"}},
       {"six samples per cell", {"--grid-samples-per-cell", "6"}},

@@ -65,20 +65,29 @@ void GridTrainer::set_loss(int64_t c, const GridTape& tape, Chunk& chunk) {
   }
 }
 
-void GridTrainer::note_errors(int64_t c, const GridTape& tape, const Chunk& chunk) {
+void GridTrainer::note_pixels(int64_t c, const GridTape& tape, const Chunk& chunk) {
   const int64_t lr = chunk.stride(tape.image.pixel);
   const Real* pixel = chunk.data(tape.image.pixel);
   const Real* target = batch.target_of(static_cast<int>(c));
+  double squared_error = 0;
   for (int r = 0; r < chunk.rays; ++r) {
     Real sum = 0;
     for (int k = 0; k < 3; ++k) {
       const Real e = pixel[k * lr + r] - target[k * kChunkRays + r];
       sum += e * e;
     }
-    ray_errors[static_cast<size_t>(c * kChunkRays + r)] = sum;
+    squared_error += static_cast<double>(sum);
   }
+  chunk_squared_error[static_cast<size_t>(c)] = squared_error;
   const Real* opacity = pixel + 3 * lr;
   chunk_opacity[static_cast<size_t>(c)] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
+}
+
+double GridTrainer::mean_squared_error() const {
+  const double sum =
+      std::accumulate(chunk_squared_error.begin(), chunk_squared_error.begin() + batch.chunks,
+                      batch.empty_squared_error);
+  return sum / (3 * static_cast<double>(std::max<int64_t>(batch.rays_considered, 1)));
 }
 
 TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
@@ -103,7 +112,7 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       keep_samples(c, chunk);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
       chunk_loss[static_cast<size_t>(c)] = chunk.loss;
-      note_errors(c, tape, chunk);
+      note_pixels(c, tape, chunk);
     }
     chunk.bind(tape.features, nullptr, nullptr);
   });
@@ -131,7 +140,7 @@ void GridTrainer::render() {
     pixels.scale.resize(rays);
   }
   pixels.rgba.assign(4 * rays, 0.0_r);
-  listed_at.assign(batch.tile.size(), -1);
+  listed_at.assign(batch.weight.size(), -1);
   for (size_t i = 0; i < rays; ++i) {
     const RayBatch::Listed& listed = batch.listed[i];
     if (listed.place >= 0)

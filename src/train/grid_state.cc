@@ -18,8 +18,6 @@ void visit_arrays(T& t, Visit&& visit) {
   visit("networks_m", t.dense->m.span());
   visit("networks_v", t.dense->v.span());
   visit("opacity", t.field.occupancy.training_state());
-  visit("pixel_errors", t.errors.errors());
-  visit("pixel_chances", t.errors.chances());
 }
 constexpr const char* kLevels = "occupancy";  // as of its last rebuild
 

@@ -56,8 +56,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
             learnt_light(o.grid_recipe.light, source.files())),
       optimiser(field),
-      errors(p, s.train, static_cast<Real>(o.grid_recipe.error_guidance)),
-      maker(source, errors, field, distortion > 0 || depth_weight > 0, t),
+      maker(source, field, distortion > 0 || depth_weight > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
@@ -84,8 +83,8 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
   chunk_colours.resize(chunk_loss.size());
   chunk_kept.resize(chunk_loss.size());
-  ray_errors.resize(batch.tile.size());
-  chunk_opacity.resize(static_cast<size_t>(batch.max_chunks));
+  chunk_opacity.resize(chunk_loss.size());
+  chunk_squared_error.resize(chunk_loss.size());
   corrections.resize(2 * kBiasCorrections);
   queries.resize(static_cast<size_t>(pool.size()));
   initialise();
@@ -154,7 +153,7 @@ AdamStep GridTrainer::dense_step() const {
   return adam;
 }
 
-// The map of errors and the grid's cells have one owner each, so they share the work besides.
+// The occupancy's cells have one owner too, so it shares the work.
 void GridTrainer::scatter(StepReport& report) {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
@@ -180,10 +179,9 @@ void GridTrainer::scatter(StepReport& report) {
   // are too few to share the optimiser's work.
   const bool at_once = 2 * pool.size() <= levels;
   // A level's rows belong to one item, which takes the samples in order. Fine levels first: they
-  // are the dearest. The occupancy's cells have one owner as well, and so has the error map.
-  pool.parallel_for(levels + 2, [&](int64_t i) {
+  // are the dearest.
+  pool.parallel_for(levels + 1, [&](int64_t i) {
     if (i == levels) return observe_samples();
-    if (i > levels) return given.empty() ? observe_errors() : void();
     const int64_t l = levels - 1 - i;
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     Real* const gradient = optimiser.table_gradient.data() + level.begin();
@@ -224,7 +222,6 @@ void GridTrainer::begin_anew() {
   samples_per_ray = 16;
   optimiser = TableState(field);
   dense->forget();
-  errors.reset();
   field.occupancy = OccupancyGrid(field.occupancy.cascades(), field.occupancy.side());
   initialise();
 }

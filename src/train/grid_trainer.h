@@ -7,7 +7,6 @@
 #include "nerf/base/aligned.h"
 #include "nerf/kernels/adam.h"
 #include "nerf/model/grid_field.h"
-#include "train/error_map.h"
 #include "train/ray_batch.h"
 #include "train/trainer_impl.h"
 
@@ -85,11 +84,10 @@ struct GridTrainer final : TrainerImpl {
   void add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
   void keep_samples(int64_t c, Chunk& chunk);
-  // Squared errors of chunk c, for the map of errors.
-  void note_errors(int64_t c, const GridTape& tape, const Chunk& chunk);
+  // What the report says of chunk c's pixels.
+  void note_pixels(int64_t c, const GridTape& tape, const Chunk& chunk);
   void observe_samples();
-  void observe_errors();
-  // Mean squared error over the photos' pixels, from the step's rays.
+  // Over the step's rays, those that met no matter included, and channels.
   double mean_squared_error() const;
   void initialise();
 
@@ -102,15 +100,13 @@ struct GridTrainer final : TrainerImpl {
   std::vector<int32_t> listed_at;  // of an open step: which listed ray is at [chunk][kChunkRays]
   std::vector<Real> corrections;
 
-  ErrorMap errors;
   RayBatchMaker maker;
   RayBatch batch;
   AlignedArray<Real> features, d_features;  // [chunk][4 L][kChunkSamples]
   AlignedArray<Real> densities;             // [chunk][kChunkSamples]
   std::vector<int64_t> chunk_colours;       // evaluations of the colour network
   std::vector<int64_t> chunk_kept;          // samples that learn, see keep_samples()
-  std::vector<Real> ray_errors;             // squared, summed over channels; [chunk][kChunkRays]
-  std::vector<double> chunk_loss, chunk_opacity;
+  std::vector<double> chunk_loss, chunk_opacity, chunk_squared_error;  // sums over rays
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
   // Of the last steps: what the networks took, what the table's gradient and its optimiser took,

@@ -1,28 +1,11 @@
-// What the rays of a step, and random points between steps, tell the occupancy grid and the error
-// map.
+// What the rays of a step, and random points between steps, tell the occupancy grid.
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 #include "nerf/kernels/elementwise.h"
 #include "train/grid_trainer.h"
 
 namespace nerf {
-
-namespace {
-
-// body(tile, squared error) for every ray of a step, in one order.
-template <class Body>
-void each_ray(const RayBatch& batch, const std::vector<Real>& errors, const Body& body) {
-  for (const RayBatch::EmptyRay& ray : batch.empty_rays) body(ray.tile, ray.squared_error);
-  for (int c = 0; c < batch.chunks; ++c) {
-    const size_t first = static_cast<size_t>(c) * kChunkRays;
-    const size_t end = first + static_cast<size_t>(batch.rays[static_cast<size_t>(c)]);
-    for (size_t i = first; i < end; ++i) body(batch.tile[i], errors[i]);
-  }
-}
-
-}  // namespace
 
 void GridTrainer::observe_samples() {
   constexpr int kAhead = 24;  // samples: cells lie anywhere in memory
@@ -39,25 +22,6 @@ void GridTrainer::observe_samples() {
       field.occupancy.observe(static_cast<size_t>(cells[s]), seen[s]);
     }
   }
-}
-
-void GridTrainer::observe_errors() {
-  constexpr int64_t kInterval = 64;
-  if (errors.keeps_all()) return;
-  each_ray(batch, ray_errors,
-           [&](int32_t tile, Real squared_error) { errors.observe(tile, squared_error); });
-  if ((done + 1) % kInterval == 0) errors.refresh();
-}
-
-// Each ray stands for the pixels that were passed over on the way to it.
-double GridTrainer::mean_squared_error() const {
-  double sum = 0, pixels = 0;
-  each_ray(batch, ray_errors, [&](int32_t tile, Real squared_error) {
-    const double weight = errors.keeps_all() ? 1 : 1 / static_cast<double>(errors.chance(tile));
-    sum += weight * static_cast<double>(squared_error);
-    pixels += weight;
-  });
-  return sum / (3 * std::max(pixels, 1.0));
 }
 
 // One random point in one cell of every group of `group` cells.

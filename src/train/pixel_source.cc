@@ -3,7 +3,6 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <span>
 
 #include "nerf/base/error.h"
 #include "train/free_space.h"
@@ -49,7 +48,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, double sigh
 }
 
 bool PixelSource::draw(Random& random, Pixel& out) const {
-  return locate(random, nullptr, out) && read(out);
+  return locate(random, out) && read(out);
 }
 
 // A place in one of the photos: each pixel as often as the others, of a panorama each solid angle.
@@ -81,39 +80,9 @@ void PixelSource::choose(Random& random, Pixel& out) const {
   }
 }
 
-bool PixelSource::locate(Random& random, const ErrorMap* errors, Pixel& out) const {
-  bool found = false;
-  locate(std::span(&random, 1), errors, std::span(&out, 1), std::span(&found, 1));
-  return found;
-}
-
-void PixelSource::locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
-                         std::span<bool> found) const {
-  constexpr int kMostTries = 16;  // bounds the time where nearly everything is learnt
-  const bool guided = errors && !errors->keeps_all();
-  const auto propose = [&](size_t i) {
-    choose(randoms[i], out[i]);
-    if (!guided) return;
-    out[i].tile = errors->tile_of(out[i].source, out[i].x, out[i].y);
-    errors->prefetch(out[i].tile);
-  };
-  for (size_t i = 0; i < out.size(); ++i) {
-    found[i] = !guided;
-    propose(i);
-  }
-  // All pixels once, then those again that were not kept: their chances are on their way meanwhile.
-  bool any = guided;
-  for (int tries = 1; any; ++tries) {
-    any = false;
-    for (size_t i = 0; i < out.size(); ++i) {
-      if (found[i]) continue;
-      found[i] = tries == kMostTries || randoms[i].uniform() < errors->chance(out[i].tile);
-      if (found[i]) continue;
-      propose(i);
-      any = true;
-    }
-  }
-  for (size_t i = 0; i < out.size(); ++i) found[i] = cast(out[i]);
+bool PixelSource::locate(Random& random, Pixel& out) const {
+  choose(random, out);
+  return cast(out);
 }
 
 bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {

@@ -27,10 +27,9 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   direction = AlignedArray<Real>(r);
   background = AlignedArray<Real>(r);
   target = AlignedArray<Real>(r);
-  tile.resize(static_cast<size_t>(max) * kChunkRays);
-  weight.resize(tile.size());
-  depth.resize(tile.size());
-  photo.resize(tile.size());
+  weight.resize(static_cast<size_t>(max) * kChunkRays);
+  depth.resize(weight.size());
+  photo.resize(weight.size());
 }
 
 void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
@@ -38,9 +37,9 @@ void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
   for (auto* a : {&x, &y, &z}) keep_columns(1, kept, count, a->data() + first, kChunkSamples);
 }
 
-RayBatchMaker::RayBatchMaker(const PixelSource& source, const ErrorMap& errors,
-                             const GridField& field, bool intervals, ThreadPool& pool)
-    : source_(source), errors_(errors), field_(field), intervals_(intervals), pool_(pool) {
+RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, bool intervals,
+                             ThreadPool& pool)
+    : source_(source), field_(field), intervals_(intervals), pool_(pool) {
   for (int i = 0; i < pool.size(); ++i)
     samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
   scratch_.resize(static_cast<size_t>(pool.size()));
@@ -67,7 +66,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
   bool found[kBlock] = {};
   const size_t n = static_cast<size_t>(drawn);
   if (given.empty()) {
-    source_.locate(randoms, &errors_, std::span(pixels, n), std::span(found, n));
+    for (size_t i = 0; i < n; ++i) found[i] = source_.locate(randoms[i], pixels[i]);
     // One after the other, so that the processor waits for several photos' memory at a time.
     for (size_t i = 0; i < n; ++i) found[i] = found[i] && source_.read(pixels[i]);
   } else {
@@ -83,7 +82,6 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     Random& random = randoms[static_cast<size_t>(i)];
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
-    record.tile = pixel.tile;
     record.weight = pixel.weight;
     record.photo = pixel.ray.photo;
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
@@ -146,7 +144,6 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);
-    batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
     batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
     batch.photo[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.photo;
@@ -179,7 +176,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
   // Whole rays into chunks, in order, until the batch is full.
   batch.chunks = 1;
   batch.rays_considered = batch.total_samples = 0;
-  batch.empty_rays.clear();
+  batch.empty_squared_error = 0;
   batch.listed.clear();
   int samples = 0, count = 0;
   const auto begin_of = [&](int chunk) {
@@ -207,7 +204,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
       ++batch.rays_considered;
       if (batch.lists) batch.listed.push_back(listed_of(r));
       if (r.count == 0) {
-        batch.empty_rays.push_back({r.tile, r.squared_error});
+        batch.empty_squared_error += static_cast<double>(r.squared_error);
         continue;
       }
       r.chunk = batch.chunks - 1;

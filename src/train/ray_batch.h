@@ -13,7 +13,6 @@
 #include "nerf/math/random.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
-#include "train/error_map.h"
 #include "train/sightings.h"
 
 namespace nerf {
@@ -30,7 +29,6 @@ class PixelSource {
     Real alpha = 1;
     const Photo* photo = nullptr;
     int x = 0, y = 0;
-    int32_t tile = 0;   // of the error map
     Real weight = 1;    // of its error: the area of the pixel
     size_t source = 0;  // the i-th training photo
     const Camera* camera = nullptr;
@@ -50,13 +48,9 @@ class PixelSource {
   const std::vector<std::string>& files() const { return file_names_; }
   bool has_depth() const { return has_depth_; }        // some photo has a depth map
   double mean_weight() const { return mean_weight_; }  // over all pixels
-  // The same in two halves, so that a caller with many pixels hides the memory's latency: the first
-  // finds photo and place, kept with the chance that `errors` gives, and asks for the bytes; the
-  // second reads colour, mask and depth.
-  bool locate(Random& random, const ErrorMap* errors, Pixel& out) const;
-  // Of as many pixels, each with its own random numbers; found[i] says whether there is a ray.
-  void locate(std::span<Random> randoms, const ErrorMap* errors, std::span<Pixel> out,
-              std::span<bool> found) const;
+  // draw() in two halves, so that a caller with many pixels hides the memory's latency: the first
+  // finds photo and place and asks for the bytes, the second reads colour, mask and depth.
+  bool locate(Random& random, Pixel& out) const;
   bool read(Pixel& out) const;
 
  private:
@@ -96,18 +90,13 @@ struct RayBatch {
   std::vector<int> samples, rays;                    // of each chunk
   std::vector<int32_t> ray_begin;                    // of each chunk, kChunkRays + 1 entries
   AlignedArray<Real> direction, background, target;  // [chunk][3][kChunkRays]
-  std::vector<int32_t> tile;                         // of the error map, [chunk][kChunkRays]
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
   std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
-  struct EmptyRay {
-    int32_t tile;
-    Real squared_error;  // summed over channels
-  };
-  std::vector<EmptyRay> empty_rays;  // those that met no matter
+  double empty_squared_error = 0;  // of those that met none, summed over rays and channels
 
   // Of an open step: every ray considered, with its target and its place in the chunks
   // [chunk][kChunkRays], or -1 where it met no matter.
@@ -132,8 +121,8 @@ struct RayBatch {
 class RayBatchMaker {
  public:
   // `intervals`: fills RayBatch::middle and width too.
-  RayBatchMaker(const PixelSource& source, const ErrorMap& errors, const GridField& field,
-                bool intervals, ThreadPool& pool);
+  RayBatchMaker(const PixelSource& source, const GridField& field, bool intervals,
+                ThreadPool& pool);
   void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch) {
     fill(seed, step, rays, samples_per_cell, {}, batch);
   }
@@ -149,7 +138,7 @@ class RayBatchMaker {
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
     Real depth = 0;
-    int32_t tile = 0, photo = -1;
+    int32_t photo = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step
   };
@@ -169,7 +158,6 @@ class RayBatchMaker {
   static RayBatch::Listed listed_of(const RayRecord& record);
 
   const PixelSource& source_;
-  const ErrorMap& errors_;
   const GridField& field_;
   bool intervals_, lists_ = false;
   ThreadPool& pool_;

@@ -17,6 +17,7 @@ struct Grid {
   void visit_options(V& v) {
     v("levels", levels, "resolutions", at_least(1), at_most(32));
     v("hashed", hashed, "hashes indices");
+    v.retired("table_kind", int64_t{0});
   }
 };
 
@@ -91,6 +92,13 @@ TEST(OptionsCli, ShortFormsAndFlags) {
   EXPECT_TRUE(p.options.depth);
   EXPECT_EQ(p.options.out, "there");
   EXPECT_EQ(p.options.scene, "--odd-name");
+}
+
+TEST(OptionsCli, OptionsOfEarlierVersionsAreSaidToBeNoMore) {
+  EXPECT_EQ(parse({"lego", "--grid-table-kind", "0"}).error,
+            "--grid-table-kind is no more (leave it out)");
+  EXPECT_EQ(parse({"lego", "--grid-table-kind=1"}).error,
+            "--grid-table-kind is no more (leave it out)");
 }
 
 TEST(OptionsCli, UnknownOptionsNameTheNearest) {

@@ -81,7 +81,7 @@ TEST(Checkpoint, IsAsDocumented) {
   EXPECT_TRUE(contains(page, "1 of a model, " + version + " of a checkpoint")) << version;
   EXPECT_EQ(number_at<uint64_t>(bytes, 16), bytes.size());
   const auto sections = number_at<uint32_t>(bytes, 12);
-  EXPECT_EQ(sections, 11u);
+  EXPECT_EQ(sections, 9u);
   const std::string of_checkpoints = page.substr(page.find("## Checkpoint"));
   size_t at = 32 + number_at<uint64_t>(bytes, 24);
   for (uint32_t i = 0; i < sections && at + 40 < bytes.size(); ++i) {

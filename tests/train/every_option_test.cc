@@ -103,7 +103,6 @@ const std::vector<Line>& table() {
       {"distortion", {"0.01"}},
       {"depth_loss", {"0.5"}, with_depth},
       {"early_samples", {"1"}},
-      {"error_guidance", {"0"}},
       {"shared_colour", {"0"}},
       {"stop_transmittance", {"0.1"}},
       {"gradient_roulette", {"0"}},

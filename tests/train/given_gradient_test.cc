@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <string>
 #include <vector>
@@ -59,6 +60,28 @@ TEST_P(GivenGradient, OfTheOwnLossIsTheOwnStepBitForBit) {
     EXPECT_EQ(a.samples, b.samples);
   }
   EXPECT_EQ(test::bits_of(own), test::bits_of(given));
+}
+
+// The reported PSNR is of all rays of the step, those that met no matter included.
+TEST_P(GivenGradient, ReportsTheErrorOfEveryRay) {
+  const auto c = sphere_capture(6, 24);
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, options(20), pool);
+  const RayPixels& pixels = trainer.begin_step();
+  const size_t n = pixels.rays.size();
+  const Real* final_rgba = pixels.rgba.data() + 4 * n * static_cast<size_t>(pixels.renderings - 1);
+  double all = 0, met_matter = 0;
+  for (size_t r = 0; r < n; ++r)
+    for (size_t k = 0; k < 3; ++k) {
+      const double e = static_cast<double>(final_rgba[4 * r + k] - pixels.target[3 * r + k]);
+      all += e * e;
+      if (pixels.scale[r] != 0) met_matter += e * e;
+    }
+  if (grid()) {
+    EXPECT_GT(all, 1.02 * met_matter);
+  }
+  const StepReport report = trainer.finish_step(std::vector<Real>(pixels.rgba.size(), 0.0_r));
+  EXPECT_NEAR(report.psnr, -10 * std::log10(all / (3 * static_cast<double>(n))), 1e-4);
 }
 
 TEST_P(GivenGradient, IsTheSameForAnyNumberOfThreads) {

@@ -20,7 +20,6 @@ struct GridRecipe {
   std::optional<double> depth_loss;   // see depth_loss_weight()
   std::optional<double> point_depth;  // see point_depth_share()
   double early_samples = 0.2;         // of the first steps, as a share of samples_per_cell
-  double error_guidance = 0.7;        // 0: pixels are drawn uniformly; 1: where the error is
   double shared_colour = 0.125;       // light of a pixel that samples of one colour have together
   double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
   double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
@@ -60,10 +59,6 @@ struct GridRecipe {
       "steps take, and where the scene is bounded all after 200 million samples: many rays first, "
       "exact ones later",
       above(0), at_most(1));
-    v("error_guidance", error_guidance,
-      "how far pixels are drawn where the photos are not learnt yet: 0 uniformly, 1 by the root of "
-      "the error alone",
-      at_least(0), at_most(1));
     v("shared_colour", shared_colour,
       "light of a pixel that successive samples of one colour, that of their mean features, have "
       "together at most; 0: each has its own",
@@ -88,7 +83,8 @@ struct GridRecipe {
       "cells that lie between cameras and the points they see, or nearer to cameras than what they "
       "see, may hold matter too, where a scene is unbounded");
     light.visit_options(v);
-    for (const char* name : {"network_l2", "late_levels", "coarse_photos"}) v.retired(name, 0.0);
+    for (const char* name : {"network_l2", "late_levels", "coarse_photos", "error_guidance"})
+      v.retired(name, 0.0);
     v.retired("every_row", false);
   }
 };
