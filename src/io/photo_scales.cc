@@ -58,6 +58,25 @@ Photo scaled(const Photo& photo, int width, int height) {
 
 }  // namespace
 
+PhotoSet reduced_photos(const Scene& scene, const PhotoSet& photos, int longest_side,
+                        ThreadPool& pool) {
+  PhotoSet out;
+  out.photos.resize(photos.photos.size());
+  out.cameras = photos.cameras;
+  pool.parallel_for(static_cast<int64_t>(scene.train.size()), [&](int64_t i) {
+    const size_t v = static_cast<size_t>(scene.train[static_cast<size_t>(i)]);
+    const Photo& photo = photos.photos[v];
+    const int longest = std::max(photo.width, photo.height);
+    const int divide = std::max(1, (longest + longest_side - 1) / longest_side);
+    const int width = internal::downscaled(photo.width, divide);
+    const int height = internal::downscaled(photo.height, divide);
+    out.cameras[v] = internal::camera_of_photo(photos.cameras[v], scene.views[v], photo.width,
+                                               photo.height, width, height);
+    out.photos[v] = scaled(photo, width, height);
+  });
+  return out;
+}
+
 void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, bool training, ThreadPool& pool) {
   const auto begin = std::chrono::steady_clock::now();
   const size_t full_views = scene.views.size();

@@ -59,7 +59,7 @@ std::vector<Sighting> sightings_of(const Scene& scene, const PhotoSet& photos) {
     if (!pixel || !(pixel->x >= 0 && pixel->y >= 0)) continue;
     const int x = static_cast<int>(pixel->x), y = static_cast<int>(pixel->y);
     if (x >= camera.width || y >= camera.height || photos.photos[view].masked_out(x, y)) continue;
-    out.push_back({source->second, x, y, length(away)});
+    out.push_back({source->second, seen.point, x, y, length(away)});
   }
   return out;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "nerf/io/photos.h"
@@ -11,6 +12,7 @@ namespace nerf {
 
 struct Sighting {
   size_t source;    // the i-th training photo
+  int32_t point;    // index into Scene::points
   int x, y;         // pixel
   double distance;  // from the camera, engine units
 };

@@ -15,4 +15,9 @@ namespace nerf {
 inline constexpr int kLeastScaledSide = 11;  // what SSIM needs
 void add_photo_scales(Scene& scene, PhotoSet& photos, int scales, bool training, ThreadPool& pool);
 
+// The photos of every view in `scene.train`, reduced by a whole number so that no side is above
+// `longest_side`; the others are empty. Pixels as above.
+PhotoSet reduced_photos(const Scene& scene, const PhotoSet& photos, int longest_side,
+                        ThreadPool& pool);
+
 }  // namespace nerf

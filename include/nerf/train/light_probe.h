@@ -1,0 +1,32 @@
+// Looks at photos, before a training, for light that differs between them.
+#pragma once
+
+#include <optional>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/threads.h"
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+#include "nerf/train/trainer.h"
+
+namespace nerf {
+
+struct LightProbe {
+  // How bright photos show the same sparse points: standard deviation over the training photos of
+  // the binary logarithm (stops, of sRGB values); no value where there are too few points.
+  std::optional<double> exposure_spread;
+  // Of a short training on reduced photos: what share of its squared error is one colour across a
+  // tile of a photo, which a sharper field would not mend; no value where none was made.
+  std::optional<double> smooth_share;
+};
+
+// A few seconds. The short training is made of an unbounded scene with `train` photos enough, and
+// none where photos have times, whose content differs. The same for any number of threads. Throws
+// Cancelled.
+LightProbe probe_light(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
+                       const Cancel* cancel = nullptr);
+
+// Gives the options that are to be found automatically a value, by the probe.
+void resolve_light(const LightProbe& probe, TrainOptions& options);
+
+}  // namespace nerf
