@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "app.h"
+#include "appearance.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
@@ -69,9 +70,10 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  const RenderPlan plan =
+  RenderPlan plan =
       make_render_plan(command, field.info(), available_memory_bytes(), density_of(field, pool));
   for (const std::string& note : plan.notes) log_warning(note);
+  give_appearance(command.appearance, field, plan);
   if (!command.mp4.empty()) check_video(command.mp4);
   make_writable_folder(command.out);
   bake(field, plan, pool, stop.cancel());
@@ -82,12 +84,15 @@ int render_main(int argc, char** argv) {
   options.precision = command.precision;
   options.supersample = command.supersample;
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
-                                        double time, bool preview,
+                                        const PlannedFrame& frame, bool preview,
                                         const std::function<void(double)>& progress) {
     RenderOptions own = options;
-    own.time = static_cast<Real>(time);
+    own.time = static_cast<Real>(frame.time);
+    own.appearance = frame.appearance;
     if (preview) own.supersample = 1;
-    return render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
+    Frame picture = render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
+    change_exposure(command.exposure, picture.rgb);
+    return picture;
   };
   const PlannedFrame& first = plan.frames.front();
   const int rays = rays_per_side(field, options, first.camera, first.camera_to_world);

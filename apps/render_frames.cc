@@ -28,7 +28,7 @@ Frame draw(const RenderPlan& plan, const PlannedFrame& frame, const RenderFuncti
     const Camera sized = preview ? camera.scaled_to(std::max(1, camera.width / divisor),
                                                     std::max(1, camera.height / divisor))
                                  : camera;
-    return render(sized, camera_to_world, frame.time, preview, [&](double fraction) {
+    return render(sized, camera_to_world, frame, preview, [&](double fraction) {
       if (progress) progress(from + share * fraction);
     });
   };

@@ -15,9 +15,9 @@ namespace nerf::apps {
 
 // As nerf::render with everything but camera, pose and time already given: throws Cancelled. A
 // preview takes one ray per pixel.
-using RenderFunction =
-    std::function<Frame(const Camera& camera, const Pose& camera_to_world, double time,
-                        bool preview, const std::function<void(double)>& progress)>;
+using RenderFunction = std::function<Frame(const Camera& camera, const Pose& camera_to_world,
+                                           const PlannedFrame& frame, bool preview,
+                                           const std::function<void(double)>& progress)>;
 
 struct RenderedFiles {
   std::vector<std::filesystem::path> color;  // written, whole, in the plan's order

@@ -62,6 +62,8 @@ struct RenderCommand {
   bool depth = true;
   std::optional<Box3> bbox;
   std::optional<Vec3> background;
+  std::string appearance;
+  double exposure = 0;
   int supersample = 0;
   Precision precision = Precision::kAuto;
   int threads = 0;
@@ -114,6 +116,13 @@ struct RenderCommand {
       "sRGB colour behind the scene, each 0 to 1; without it what nerf_train --background said, or "
       "white; not used with a paper's method that learnt photos without alpha: always black",
       at_least(0), at_most(1), metavar("R,G,B"), brief("colour behind the scene, each 0 to 1"));
+    v("appearance", appearance,
+      "the light of the pictures, where the model has learnt the photos': a photo's name; several "
+      "with .. between them, one after the other along the frames; mean; or own, each training "
+      "view's own; without it mean",
+      metavar("PHOTO|A..B|mean"), brief("light of a photo, or from one to another: PHOTO, A..B"));
+    v("exposure", exposure, "stops by which the pictures are brighter", at_least(-10), at_most(10),
+      brief("stops by which the pictures are brighter"));
     v("supersample", supersample,
       "rays along a pixel's side, averaged; 0: with the grid method a pixel's width in pixels of "
       "the photos, rounded, 1 to 8, else one",

@@ -10,6 +10,7 @@
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/model_info.h"
+#include "nerf/parts/codes.h"
 #include "render_options.h"
 #include "stereo.h"
 
@@ -20,6 +21,7 @@ struct PlannedFrame {
   Camera camera;                // at the size to render; of a stereo picture the left eye's
   Pose camera_to_world;         // input coordinates
   double time = 0;              // [0, 1]
+  Appearance appearance;        // empty parts: the model's own
   std::optional<Eye> right;     // of a stereo picture
   std::filesystem::path color;  // files, below the output folder
   std::filesystem::path depth;  // empty: not wanted

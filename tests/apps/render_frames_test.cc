@@ -70,7 +70,7 @@ TEST(RenderFrames, JoinsTheEyes) {
     double last = 0;
     const auto files = render_frames(
         plan, folder.path(),
-        [&](const Camera& camera, const Pose& pose, double, bool preview,
+        [&](const Camera& camera, const Pose& pose, const PlannedFrame&, bool preview,
             const std::function<void(double)>& report) {
           if (!preview) {
             EXPECT_GE(pose.translation.x, last);
@@ -104,7 +104,7 @@ TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
   int previews = 0, frames = 0;
   const auto files = render_frames(
       plan_of({"a.png", "s/b.png", "c.png"}), out,
-      [&](const Camera& camera, const Pose& pose, double, bool preview,
+      [&](const Camera& camera, const Pose& pose, const PlannedFrame&, bool preview,
           const std::function<void(double)>& report) {
         ++(preview ? previews : frames);
         if (report) report(0.5);
@@ -138,7 +138,7 @@ TEST(RenderFrames, WithoutDepthOnlyColour) {
   int calls = 0;
   render_frames(
       plan_of({"a.png", "b.png"}, false), folder.path(),
-      [&](const Camera& camera, const Pose& pose, double, bool,
+      [&](const Camera& camera, const Pose& pose, const PlannedFrame&, bool,
           const std::function<void(double)>&) {
         ++calls;
         return flat_frame(camera, pose);
@@ -156,7 +156,7 @@ TEST(RenderFrames, AStopLeavesWholeFramesOnly) {
     int frame = 0;
     const auto files = render_frames(
         plan_of({"a.png", "b.png", "c.png"}), folder.path(),
-        [&](const Camera& camera, const Pose& pose, double, bool preview,
+        [&](const Camera& camera, const Pose& pose, const PlannedFrame&, bool preview,
             const std::function<void(double)>&) {
           if (!preview && ++frame == 2) {
             cancel.request();
@@ -179,7 +179,7 @@ TEST(RenderFrames, UnwritableFoldersAreErrors) {
   const auto run = [&](const RenderPlan& plan, const fs::path& out) {
     render_frames(
         plan, out,
-        [](const Camera& camera, const Pose& pose, double, bool,
+        [](const Camera& camera, const Pose& pose, const PlannedFrame&, bool,
            const std::function<void(double)>&) { return flat_frame(camera, pose); },
         progress, cancel);
   };
@@ -196,7 +196,7 @@ TEST(RenderFrames, ProgressGoesFromFrameToFrame) {
   const Cancel cancel;
   render_frames(
       plan_of({"a.png", "b.png"}, false), folder.path(),
-      [&](const Camera& camera, const Pose& pose, double, bool,
+      [&](const Camera& camera, const Pose& pose, const PlannedFrame&, bool,
           const std::function<void(double)>& report) {
         report(0.5);
         return flat_frame(camera, pose);
