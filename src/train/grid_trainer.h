@@ -60,7 +60,6 @@ struct GridTrainer final : TrainerImpl {
   double late_saving_share(int64_t steps) const override;
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
-  const GridField* grid() const override { return &field; }
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;
