@@ -22,6 +22,7 @@ inline constexpr int kAccumulators = 32;
 // Gradient and moments of a field's table.
 struct TableState {
   explicit TableState(const GridField& field);
+  static uint64_t memory_bytes(const HashGridShape& shape);
   // Where the field's table holds half floats, of the weights that they are rounded from: begins
   // with what the table holds, or rounds them into it.
   void take_weights(const GridField& field);
@@ -46,6 +47,9 @@ struct GridHead {
 struct GridTrainer final : TrainerImpl {
   GridTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool);
+
+  // An estimate from above, with what saving, resuming and beginning anew take for a while.
+  static uint64_t memory_bytes(const TrainOptions& options, bool unbounded, int threads);
 
   void draw() override;
   void look_up() override;
