@@ -12,7 +12,6 @@
 #include "nerf/base/text.h"
 #include "nerf/io/camera_path.h"
 #include "nerf/math/camera_paths.h"
-#include "nerf/train/trainer.h"
 
 namespace nerf::apps {
 namespace {
@@ -164,8 +163,8 @@ fs::path picture_file(const std::string& view_name) {
 }
 
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
-                            uint64_t memory_bytes, const PathOptions::Density& density) {
-  const Views views = find_views(command, info, density);
+                            uint64_t memory_bytes, const ModelAnswers& model) {
+  const Views views = find_views(command, info, model.density);
   RenderPlan plan;
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;
@@ -178,7 +177,7 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
     plan.notes.push_back(fmt::format(
         "the eyes stand {} units of the capture apart, as if it were in metres: --ipd sets it",
         ipd));
-  if (command.background && !info.alpha && info.method != kGridMethod)
+  if (command.background && !model.shows_background)
     plan.notes.emplace_back(
         "--background is not used: this model is of photos without alpha, learnt before black");
   std::set<fs::path> used;

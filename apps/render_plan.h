@@ -34,15 +34,21 @@ struct RenderPlan {
   std::vector<std::string> notes;  // for the user
 };
 
+// What a plan asks of the model besides its info.
+struct ModelAnswers {
+  PathOptions::Density density = {};  // where an orbit would pass
+  bool shows_background = true;       // see RadianceField
+};
+
 // The model file of a RUN argument: the file itself, or model.nerf in that folder. Throws Error.
 std::filesystem::path find_model_file(const std::filesystem::path& run);
 
 // Throws Error for views that are neither a known word nor a file, what make_camera_path and
 // read_camera_path refuse, --frames and --camera where the views have their own, --ipd where there
 // are no two eyes, pictures that do not fit into `memory_bytes`, and pictures of different sizes
-// where a video is wanted. `density` says what the model has where an orbit would pass.
+// where a video is wanted.
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
-                            uint64_t memory_bytes, const PathOptions::Density& density = {});
+                            uint64_t memory_bytes, const ModelAnswers& model = {});
 
 // File of a view's picture below a folder: sub-folders kept, extension replaced by .png, parts that
 // would lead out of the folder ("..", a leading "/") dropped.

@@ -27,16 +27,6 @@ struct Setting {
   bool empty_cells = false;
 };
 
-// The model as if nothing were known to be empty.
-RadianceField without_occupancy(const RadianceField& field) {
-  if (!field.is_grid()) return field;
-  auto grid = std::make_shared<GridField>(field.grid());
-  std::vector<uint8_t> levels(grid->occupancy.levels().begin(), grid->occupancy.levels().end());
-  for (uint8_t& level : levels) level = std::max<uint8_t>(level, 1);
-  grid->occupancy.set_levels(levels);
-  return RadianceField(field.info(), std::move(grid));
-}
-
 // In falling order, the value among them that rendering has where nothing is said.
 std::vector<Real> with_usual(std::vector<Real> values, Real usual) {
   if (std::ranges::find(values, usual) == values.end()) values.push_back(usual);
@@ -46,24 +36,26 @@ std::vector<Real> with_usual(std::vector<Real> values, Real usual) {
 
 // Each switch alone, and all together. The cache's stop and the number of samples exist only where
 // samples follow the cache, so they are compared with that alone.
-std::vector<Setting> settings(bool grid) {
+std::vector<Setting> settings(bool cached) {
   const RenderOptions off = every_skip_off(), usual;
   std::vector<Setting> all = {{"every skip off", "every skip off", "", off}};
-  if (grid) all.push_back({"empty cells too", "every skip off, empty cells too", "", off, true});
-  const auto of_grid = [&](std::vector<int> values) { return grid ? values : std::vector<int>(); };
-  for (const int share : of_grid({1024, 256, 64})) {
+  if (cached) all.push_back({"empty cells too", "every skip off, empty cells too", "", off, true});
+  const auto if_cached = [&](std::vector<int> values) {
+    return cached ? values : std::vector<int>();
+  };
+  for (const int share : if_cached({1024, 256, 64})) {
     RenderOptions o = off;
     o.unshaded = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("unshaded 1/{}", share);
     all.push_back({"unshaded light", text, fmt::format("1/{}", share), o});
   }
-  for (const int share : of_grid({64, 32, 16, 8, 4})) {
+  for (const int share : if_cached({64, 32, 16, 8, 4})) {
     RenderOptions o = off;
     o.shared_colour = 1.0_r / static_cast<Real>(share);
     const std::string text = fmt::format("shared colour 1/{}", share);
     all.push_back({"shared colour", text, fmt::format("1/{}", share), o});
   }
-  for (const int power : of_grid({6, 4, 3, 2})) {
+  for (const int power : if_cached({6, 4, 3, 2})) {
     RenderOptions o = off;
     o.stop_transmittance = static_cast<Real>(std::pow(10, -power));
     const std::string text = fmt::format("network's stop 1e-{}", power);
@@ -78,7 +70,7 @@ std::vector<Setting> settings(bool grid) {
   cache.unclipped = false;
   cache.sample_factor = usual.sample_factor;
   // The paper methods' samples follow their proposals, not the cache: it only says what is empty.
-  if (!grid) {
+  if (!cached) {
     all.push_back({"cache", "cache", "", cache});
     all.push_back({"together", "together", "default", usual});
     return all;
@@ -163,9 +155,9 @@ class Skips {
         run_(run),
         pool_(pool),
         field_(RadianceField::load(run / "model.nerf")),
-        everywhere_(without_occupancy(field_)),
+        everywhere_(field_.without_empty_cells()),
         baking_seconds_(bake(field_, pool)) {
-    for (Setting& s : settings(field_.is_grid()))
+    for (Setting& s : settings(field_.has_density_cache()))
       if (settings_.empty() || options.selected(s.name)) settings_.push_back(std::move(s));
     measured_.resize(settings_.size());
   }
@@ -229,9 +221,10 @@ class Skips {
         "{} held-out views of {}, {}x{}, against the picture with every skip off ({}, f32: {:.2f} "
         "s, {:.2f} dB). {} Counts are sums over the views.",
         views, run_.filename().string(), photo.width, photo.height,
-        field_.is_grid() ? "every occupied cell sampled four times, no stop, every sample's colour "
-                           "computed"
-                         : "the networks are asked for every sample",
+        field_.has_density_cache()
+            ? "every occupied cell sampled four times, no stop, every sample's colour "
+              "computed"
+            : "the networks are asked for every sample",
         off_seconds, off.mean_psnr(), about_samples());
     curve.table.columns = {"setting",
                            "seconds",
@@ -296,7 +289,7 @@ class Skips {
 
   // Which of the samples the switches are about.
   std::string about_samples() const {
-    if (field_.is_grid())
+    if (field_.has_density_cache())
       return "The cache's stop and the number of samples exist only where samples follow the "
              "cached densities: those points are with the default factor of samples, no stop and "
              "full shading but for what their label says. Empty cells were never trained where no "

@@ -29,6 +29,18 @@ std::vector<LinearWeights> place_layers(int in, int hidden, int hidden_layers, i
   return layers;
 }
 
+// Numbers of a network without padding, and of the values on the way through it: its input, before
+// and after each activation, its output.
+uint64_t weights_between(int in, int hidden, int hidden_layers, int out) {
+  return static_cast<uint64_t>(in) * static_cast<uint64_t>(hidden) +
+         static_cast<uint64_t>(hidden_layers - 1) * static_cast<uint64_t>(hidden) *
+             static_cast<uint64_t>(hidden) +
+         static_cast<uint64_t>(hidden) * static_cast<uint64_t>(out);
+}
+uint64_t values_between(int in, int hidden, int hidden_layers, int out) {
+  return static_cast<uint64_t>(in + 2 * hidden_layers * hidden + out);
+}
+
 void xavier_uniform(const LinearWeights& w, Random random, Real* weights) {
   const Real bound = std::sqrt(6.0_r / static_cast<Real>(w.in + w.out));
   for (int j = 0; j < w.out; ++j)
@@ -92,6 +104,18 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
   place_packs(all);
 }
 
+uint64_t GridField::network_weights(const GridOptions& o) {
+  return weights_between(hash_grid_shape(o).features(), o.hidden, o.density_layers,
+                         o.geometry_features) +
+         weights_between(o.geometry_features + kSphericalHarmonics, o.hidden, o.colour_layers, 3);
+}
+
+uint64_t GridField::memory_bytes(const GridOptions& o, bool unbounded, int cascades) {
+  return hash_grid_shape(o).size() * (o.table_bits == 16 ? sizeof(uint16_t) : sizeof(Real)) +
+         network_weights(o) * sizeof(Real) +
+         OccupancyGrid::memory_bytes(cascades, occupancy_side(o, unbounded));
+}
+
 std::vector<LinearWeights> GridField::layers() const {
   std::vector<LinearWeights> all = density_layers;
   all.insert(all.end(), colour_layers.begin(), colour_layers.end());
@@ -116,6 +140,16 @@ void GridField::initialise(uint64_t seed) {
     for (const LinearWeights& w : *layers)
       xavier_uniform(w, Random(seed, random_key(RandomStream::kFirstNetworks), layer++),
                      weights.data());
+}
+
+uint64_t GridTape::memory_bytes(const GridOptions& o) {
+  constexpr uint64_t kOthers = 32;  // density, pixels, directions
+  const uint64_t values =
+      values_between(hash_grid_shape(o).features(), o.hidden, o.density_layers,
+                     o.geometry_features) +
+      values_between(o.geometry_features + kSphericalHarmonics, o.hidden, o.colour_layers, 3) +
+      kOthers;
+  return 2 * kChunkSamples * sizeof(Real) * values;
 }
 
 GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& losses) {

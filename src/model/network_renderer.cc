@@ -11,14 +11,7 @@
 
 namespace nerf::internal {
 
-namespace {
-
-// What is seen where a model of opaque photos lets light through: it was trained before black.
-Vec3 background_of(const ModelInfo& info, const RenderOptions& options) {
-  return info.alpha ? options.background : Vec3{0, 0, 0};
-}
-
-}  // namespace
+namespace {}  // namespace
 
 Frame render_network(const RadianceField& radiance, const Camera& camera,
                      const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
@@ -27,7 +20,7 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
   const NetworkField& field = radiance.network();
   const ModelInfo& info = radiance.info();
   const Pose pose = info.to_engine.apply(camera_to_world);
-  const Vec3 background = background_of(info, options);
+  const Vec3 background = radiance.shows_background() ? options.background : Vec3{0, 0, 0};
   const int64_t pixels = int64_t{camera.width} * camera.height;
   Frame frame{camera.width, camera.height, std::vector<Real>(static_cast<size_t>(3 * pixels)),
               std::vector<Real>(static_cast<size_t>(pixels)),

@@ -22,6 +22,19 @@ const Field& RadianceField::field() const {
   return *network_;
 }
 
+RadianceField RadianceField::without_empty_cells() const {
+  RadianceField all = *this;
+  all.baked_.reset();
+  if (!grid_) return all;
+  auto grid = std::make_shared<GridField>(*grid_);
+  const std::span<const uint8_t> known = grid->occupancy.levels();
+  std::vector<uint8_t> levels(known.begin(), known.end());
+  for (uint8_t& level : levels) level = std::max<uint8_t>(level, 1);
+  grid->occupancy.set_levels(levels);
+  all.grid_ = std::move(grid);
+  return all;
+}
+
 bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel) {
   using internal::BakedOccupancy;
   if (!network_ || !internal::can_bake(*network_, info_)) return false;

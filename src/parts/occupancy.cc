@@ -39,6 +39,13 @@ uint64_t grow(const uint64_t* solid, int n, int bx, int by, int bz) {
 }
 }  // namespace
 
+// A cell: opacity, level, and two masks of a bit.
+uint64_t OccupancyGrid::memory_bytes(int cascades, int side) {
+  const uint64_t n = static_cast<uint64_t>(side);
+  const uint64_t cells = n * n * n * static_cast<uint64_t>(cascades);
+  return cells * (sizeof(Real) + 1) + cells / 4;
+}
+
 OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side_(side) {
   NERF_CHECK(cascades >= 1 && cascades <= kMostCascades);
   NERF_CHECK(side >= 16 && side <= kMostSide && side % 16 == 0);

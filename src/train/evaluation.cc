@@ -173,4 +173,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   return result;
 }
 
+// Frame (5 numbers), its 8-bit pictures by way of three more, the three pictures side by side and
+// their encoder's copies.
+uint64_t evaluation_memory_bytes(uint64_t pixels) { return (8 * sizeof(Real) + 32) * pixels; }
+
 }  // namespace nerf

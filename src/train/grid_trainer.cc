@@ -35,6 +35,11 @@ TableState::TableState(const GridField& field)
       listed(rows),
       listed_count(field.shape.levels.size()) {}
 
+uint64_t TableState::memory_bytes(const HashGridShape& shape) {
+  return (1 + kRowParts) * shape.size() * sizeof(Real) +
+         (sizeof(uint8_t) + sizeof(uint32_t)) * shape.rows;
+}
+
 void TableState::take_weights(const GridField& field) {
   const size_t f = static_cast<size_t>(features);
   for (size_t i = 0; i < field.half_table.size(); ++i)
@@ -90,6 +95,32 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   initialise();
   const PixelLoss pixel = PixelLoss::huber(static_cast<Real>(o.grid_recipe.huber_delta));
   own_head = std::make_unique<GridHead>(field, losses(pixel), *dense, pool);
+}
+
+uint64_t GridTrainer::memory_bytes(const TrainOptions& options, bool unbounded, int threads) {
+  constexpr uint64_t kFloat = sizeof(Real);
+  const GridOptions& o = options.grid;
+  const HashGridShape shape = hash_grid_shape(o);  // a resolution left open: the finest
+  const int cascades = unbounded ? kMostCascades : 1;
+  const uint64_t field = GridField::memory_bytes(o, unbounded, cascades);
+  const uint64_t weights = GridField::network_weights(o);
+  const uint64_t table = TableState::memory_bytes(shape);
+  const uint64_t dense = DenseParameters::memory_bytes(weights, kAccumulators);
+  const uint64_t workers = static_cast<uint64_t>(threads) * GridTape::memory_bytes(o);
+  const uint64_t samples = static_cast<uint64_t>(options.grid_recipe.batch_samples);
+  const uint64_t batch = samples * (RayBatch::kBytesOfSample + RayBatchMaker::kBytesOfSample +
+                                    2 * static_cast<uint64_t>(shape.features()) * kFloat);
+
+  // At different times: a copy of the field and its packs with the table in half precision and the
+  // levels compressed (a saved model), a checkpoint read whole, moments made anew.
+  const uint64_t half_table = shape.size() * sizeof(uint16_t);
+  const uint64_t side = static_cast<uint64_t>(occupancy_side(o, unbounded));
+  const uint64_t cells = side * side * side * static_cast<uint64_t>(cascades);
+  const uint64_t saving = field + 2 * kFloat * weights + half_table + cells;
+  const uint64_t resuming =
+      kFloat * (3 * (shape.size() + weights) + shape.rows) + cells * (kFloat + 2);
+  const uint64_t restarting = table + DenseParameters::kArrays * kFloat * weights;
+  return field + table + dense + workers + batch + std::max({saving, resuming, restarting});
 }
 
 void GridTrainer::initialise() {

@@ -22,6 +22,7 @@ inline constexpr int kAccumulators = 32;
 // Gradient and moments of a field's table.
 struct TableState {
   explicit TableState(const GridField& field);
+  static uint64_t memory_bytes(const HashGridShape& shape);
   // Where the field's table holds half floats, of the weights that they are rounded from: begins
   // with what the table holds, or rounds them into it.
   void take_weights(const GridField& field);
@@ -47,6 +48,9 @@ struct GridTrainer final : TrainerImpl {
   GridTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool);
 
+  // An estimate from above, with what saving, resuming and beginning anew take for a while.
+  static uint64_t memory_bytes(const TrainOptions& options, bool unbounded, int threads);
+
   void draw() override;
   void look_up() override;
   HeadSums head(StepReport& report) override;
@@ -60,7 +64,6 @@ struct GridTrainer final : TrainerImpl {
   double late_saving_share(int64_t steps) const override;
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
-  const GridField* grid() const override { return &field; }
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;

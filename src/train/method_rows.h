@@ -63,8 +63,4 @@ TrainOptions options_of(const MethodRow& row, Scale scale);
 // A heading, then a line for each row, from the options that options_of() makes.
 std::string table_of(std::span<const MethodRow> rows);
 
-// Of one kind of trainer; training_memory_bytes() adds nothing.
-uint64_t grid_memory_bytes(const TrainOptions& options, bool unbounded, int threads);
-uint64_t network_memory_bytes(const TrainOptions& options, bool unbounded, int threads);
-
 }  // namespace nerf::internal

@@ -95,6 +95,19 @@ NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
 
 }  // namespace
 
+uint64_t NetworkTrainer::memory_bytes(const TrainOptions& o, bool /*unbounded*/, int threads) {
+  const uint64_t weights = place_networks(o.network).back().end;
+  const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
+  const int rays = std::min(NetworkLevels::rays_per_chunk(o.network), o.recipe.rays);
+  const uint64_t worker = NetworkLevels::memory_bytes(o.network, rays, true, losses_of(o.recipe));
+  // Besides the field's weights: again with gradient and moments while a checkpoint is read or a
+  // model saved.
+  return (1 + 1 + DenseParameters::kArrays) * weights * sizeof(Real) +
+         DenseParameters::memory_bytes(weights, accumulators) +
+         static_cast<uint64_t>(threads) * worker +
+         static_cast<uint64_t>(o.recipe.rays) * sizeof(NetworkRay);
+}
+
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
     : TrainerImpl(s, p, o, t, {Rise::kQuarterSine, Fall::kExponential, o.recipe.warmup_rate}),

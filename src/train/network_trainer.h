@@ -21,6 +21,8 @@ NetworkLosses losses_of(const NetworkRecipe& recipe);
 struct NetworkTrainer final : TrainerImpl {
   NetworkTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
                  ThreadPool& pool);
+  // An estimate from above, with what a checkpoint that is read and a model that is saved take.
+  static uint64_t memory_bytes(const TrainOptions& options, bool unbounded, int threads);
 
   void draw() override;
   HeadSums head(StepReport& report) override;

@@ -32,6 +32,11 @@ class DenseParameters {
   DenseParameters(std::span<Real> weights, std::vector<LinearWeights> layers,
                   std::vector<ParameterSection> sections, int accumulators);
 
+  // Of so many weights, with the packs of their layers: rows and columns, in whole blocks.
+  static uint64_t memory_bytes(uint64_t weights, uint64_t accumulators) {
+    return sizeof(Real) * weights * (kArrays + accumulators + 2);
+  }
+
   int accumulators() const { return static_cast<int>(accumulators_.size()); }
   // An accumulator, set to zero.
   Real* begin_sum(int64_t a);
@@ -48,6 +53,7 @@ class DenseParameters {
   void forget();  // moments
 
   std::span<Real> weights() const { return weights_; }
+  static constexpr uint64_t kArrays = 3;
   AlignedArray<Real> gradient, m, v;
 
  private:

@@ -77,6 +77,8 @@ class PixelSource {
 // ...).
 struct RayBatch {
   explicit RayBatch(int max_chunks);
+  // Of a sample's arrays, and those of a ray: there may be as many rays.
+  static constexpr uint64_t kBytesOfSample = (8 + 11) * sizeof(Real);
 
   int max_chunks;
   int chunks = 0;
@@ -123,6 +125,8 @@ class RayBatchMaker {
   // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const GridField& field, bool intervals,
                 ThreadPool& pool);
+  // Of a sample: once more what its block holds, with a vector's reserve, and its ray's record.
+  static constexpr uint64_t kBytesOfSample = 2 * 6 * sizeof(Real) + 100;
   void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch) {
     fill(seed, step, rays, samples_per_cell, {}, batch);
   }

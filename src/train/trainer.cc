@@ -86,10 +86,6 @@ void Trainer::run(const std::function<bool(const StepReport&)>& callback, const 
 int64_t Trainer::steps_done() const { return impl_->done; }
 const TrainOptions& Trainer::options() const { return impl_->options; }
 const TrainProfile& Trainer::profile() const { return impl_->profile; }
-const GridField& Trainer::field() const {
-  NERF_CHECK(impl_->grid() != nullptr);
-  return *impl_->grid();
-}
 void Trainer::set_planned_steps(int64_t steps) {
   TrainOptions& o = impl_->options;
   o.plan_changes = o.plan().changed(impl_->done, steps, depends_on_length(o)).changes;

@@ -71,7 +71,6 @@ struct TrainerImpl {
   // The first weights (of the salt in force) and an optimiser without memory.
   virtual void begin_anew() = 0;
   virtual RadianceField snapshot(ModelInfo info) const = 0;
-  virtual const GridField* grid() const { return nullptr; }
   // Everything that a step reads and the step before wrote, besides the members of this class.
   virtual void save_state(internal::ContainerWriter& file,
                           nlohmann::ordered_json& scalars) const = 0;

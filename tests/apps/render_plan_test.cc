@@ -116,19 +116,15 @@ TEST(RenderPlan, SizesAreScaled) {
 }
 
 TEST(RenderPlan, ABackgroundThatTheModelHasNotIsToldOf) {
-  ModelInfo info = model({"a", "b"});
+  const ModelInfo info = model({"a", "b"});
   RenderCommand c = command("test");
-  const auto notes = [&] { return make_render_plan(c, info, kPlenty).notes.size(); };
-  info.alpha = false;
-  info.method = "nerf";
-  EXPECT_EQ(notes(), 0u);
+  const auto notes = [&](bool shows_background) {
+    return make_render_plan(c, info, kPlenty, {{}, shows_background}).notes.size();
+  };
+  EXPECT_EQ(notes(false), 0u);
   c.background = Vec3{1, 1, 1};
-  EXPECT_EQ(notes(), 1u);
-  info.alpha = true;
-  EXPECT_EQ(notes(), 0u);
-  info.alpha = false;
-  info.method = "grid";
-  EXPECT_EQ(notes(), 0u);
+  EXPECT_EQ(notes(false), 1u);
+  EXPECT_EQ(notes(true), 0u);
 }
 
 TEST(RenderPlan, PathFilesAndFramesPerSecond) {

@@ -110,8 +110,7 @@ void expect_every_option_to_change(const RadianceField& field) {
   }(std::make_index_sequence<kCount>());
 }
 
-// The cache says that a cell stops 0.6 of the light: min_transmittance is reached.
-TEST(RenderOptions, EveryOneChangesSomethingWithTheGrid) {
+std::shared_ptr<GridField> some_grid() {
   GridOptions o;
   o.levels = 4;
   o.log2_entries = 12;
@@ -120,19 +119,65 @@ TEST(RenderOptions, EveryOneChangesSomethingWithTheGrid) {
   auto grid = std::make_shared<GridField>(o, /*unbounded=*/false, 1);
   grid->initialise(3);
   test::scale_table(*grid, 1e4_r);
+  return grid;
+}
+std::shared_ptr<NetworkField> some_network() {
+  auto network = std::make_shared<NetworkField>(test::small_network(test::nerf_options()), 0.5, 5);
+  network->initialise(4);
+  return network;
+}
+
+// The cache says that a cell stops 0.6 of the light: min_transmittance is reached.
+TEST(RenderOptions, EveryOneChangesSomethingWithTheGrid) {
+  auto grid = some_grid();
   grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size(), 200));
   expect_every_option_to_change(RadianceField(test::some_info(), grid));
 }
 
 // Where the model is known to be empty, all but unclipped pictures skip it.
 TEST(RenderOptions, ThoseThatAreNotTheGridsAloneChangeSomethingWithAPapersMethod) {
-  auto network = std::make_shared<NetworkField>(test::small_network(test::nerf_options()), 0.5, 5);
-  network->initialise(4);
-  RadianceField field(test::some_info(), network);
+  RadianceField field(test::some_info(), some_network());
   ThreadPool pool(2);
   ASSERT_TRUE(field.bake(uint64_t{1} << 40, pool));
   ASSERT_LT(field.baked()->occupied_fraction(), 1);
   expect_every_option_to_change(field);
+}
+
+TEST(RenderOptions, TheBackgroundIsSeenWhereTheModelSaysSo) {
+  RenderOptions usual, other;
+  other.background = {0.1_r, 0.9_r, 0.3_r};
+  for (const bool alpha : {false, true}) {
+    ModelInfo info = test::some_info();
+    info.alpha = alpha;
+    const RadianceField grid(info, some_grid()), network(info, some_network());
+    for (const RadianceField* field : {&grid, &network})
+      EXPECT_EQ(outcome_of(*field, usual) != outcome_of(*field, other), field->shows_background())
+          << field->is_grid() << alpha;
+    EXPECT_TRUE(grid.shows_background());
+    EXPECT_EQ(network.shows_background(), alpha);
+  }
+}
+
+// Of cells of which every second slice is empty: their places are sampled again.
+TEST(RenderOptions, EmptyCellsMayBeTakenForMatter) {
+  auto grid = some_grid();
+  std::vector<uint8_t> levels(grid->occupancy.levels().size());
+  for (size_t i = 0; i < levels.size(); ++i) levels[i] = i / 4 % 2 ? 200 : 0;
+  grid->occupancy.set_levels(levels);
+  const RadianceField field(test::some_info(), grid), all = field.without_empty_cells();
+  RenderOptions options;
+  options.skip_nothing();
+  const auto samples = [&](const RadianceField& f) { return outcome_of(f, options).work[2]; };
+  EXPECT_GT(samples(all), 1.5 * samples(field));
+  EXPECT_EQ(all.grid().occupancy.occupied_fraction(), 1);
+  EXPECT_LT(field.grid().occupancy.occupied_fraction(), 1) << "the copy alone has changed";
+
+  RadianceField network(test::some_info(), some_network());
+  ThreadPool pool(2);
+  const Outcome asked_everywhere = outcome_of(network, {});
+  ASSERT_TRUE(network.bake(uint64_t{1} << 40, pool));
+  EXPECT_NE(outcome_of(network, {}), asked_everywhere);
+  EXPECT_EQ(outcome_of(network.without_empty_cells(), {}), asked_everywhere);
 }
 
 }  // namespace

@@ -62,7 +62,8 @@ inline std::vector<uint8_t> bits_of(const Trainer& trainer) {
 
 // What a trainer of the grid method has learnt, and nothing of its options.
 inline std::vector<Real> learnt_by(const Trainer& trainer) {
-  const GridField& field = trainer.field();
+  const RadianceField model = trainer.snapshot();
+  const GridField& field = model.grid();
   std::vector<Real> all(field.weights.begin(), field.weights.end());
   all.insert(all.end(), field.table.begin(), field.table.end());
   all.insert(all.end(), field.half_table.begin(), field.half_table.end());

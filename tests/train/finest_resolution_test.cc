@@ -74,7 +74,8 @@ TEST(FinestResolution, IsThatOfTheModel) {
   options.grid.finest_resolution = 0;
   ThreadPool pool(1);
   const Trainer trainer(c.scene, c.photos, options, pool);
-  EXPECT_EQ(trainer.field().options.finest_resolution, resolved_resolution(options.grid, c));
+  EXPECT_EQ(trainer.snapshot().grid().options.finest_resolution,
+            resolved_resolution(options.grid, c));
   EXPECT_EQ(trainer.options().grid.finest_resolution, 0) << "the run's options stay as given";
 }
 

@@ -63,7 +63,10 @@ TEST(GridSwitches, KeepCellsThatCannotHoldMatter) {
     TrainOptions options = test::tiny_options(kSteps);
     options.grid_recipe.keep_unseen = unseen;
     options.grid_recipe.keep_transparent = transparent;
-    return Trainer(c.scene, c.photos, options, pool).field().occupancy.occupied_fraction();
+    return Trainer(c.scene, c.photos, options, pool)
+        .snapshot()
+        .grid()
+        .occupancy.occupied_fraction();
   };
   const double usual = occupied(false, false);
   EXPECT_GT(usual, 0);

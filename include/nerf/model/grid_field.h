@@ -97,6 +97,9 @@ HashGridShape hash_grid_shape(const GridOptions& options);
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField final : Field {
   GridField(const GridOptions& options, bool unbounded, int cascades, const CodeShape& codes = {});
+  // Estimates: of a field, and of the weights of its networks.
+  static uint64_t memory_bytes(const GridOptions& options, bool unbounded, int cascades);
+  static uint64_t network_weights(const GridOptions& options);
 
   GridOptions options;
   bool unbounded;
@@ -176,6 +179,8 @@ struct GridTape {
   GridTape(const GridField& field, Purpose purpose, const GridLosses& losses = {});
   GridTape(const GridField& field, bool training, const GridLosses& losses = {})
       : GridTape(field, training ? Purpose::kTrain : Purpose::kPictures, losses) {}
+  // Of the values and gradients of a chunk in training: an estimate.
+  static uint64_t memory_bytes(const GridOptions& options);
 
   // Only what density needs.
   void forward_density(Chunk& chunk) const { tape.forward(chunk, 0, density_operations_); }

@@ -33,6 +33,14 @@ class RadianceField {
   const ModelInfo& info() const { return info_; }
   // Of the two kinds of field a model has one.
   bool is_grid() const { return grid_ != nullptr; }
+  // What callers ask instead of which kind it is. Whether samples follow densities that are cached
+  // in cells: most of what RenderOptions leaves out is about such a model.
+  bool has_density_cache() const { return is_grid(); }
+  // Whether pictures show RenderOptions::background. A paper's method that learnt photos without
+  // alpha learnt them before black.
+  bool shows_background() const { return is_grid() || info_.alpha; }
+  // A copy as if nothing were known to be empty: every cell may hold matter, and nothing is baked.
+  RadianceField without_empty_cells() const;
   const Field& field() const;
   const GridField& grid() const { return *grid_; }
   const NetworkField& network() const { return *network_; }

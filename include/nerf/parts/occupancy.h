@@ -35,6 +35,7 @@ class OccupancyGrid {
   // `side`, the cells per axis of each cascade, is a multiple of 16 in [16, kMostSide].
   static constexpr int kMostSide = 512;
   explicit OccupancyGrid(int cascades = 1, int side = kDefaultSide);
+  static uint64_t memory_bytes(int cascades, int side);
 
   int cascades() const { return cascades_; }
   int side() const { return side_; }

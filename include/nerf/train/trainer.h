@@ -195,8 +195,6 @@ class Trainer {
   int64_t steps_done() const;
   const TrainOptions& options() const;
   const TrainProfile& profile() const;
-  // The field of the grid method as it is now; valid until the next step.
-  const GridField& field() const;
   // Mean alpha of the training photos, from a sample of their pixels.
   double photo_opacity() const;
   // A copy to render from or save.
