@@ -63,7 +63,6 @@ CameraModel two_focal_model(CameraModel model) {
 
 std::string_view camera_model_name(CameraModel model) { return row(model).name; }
 int camera_model_params(CameraModel model) { return row(model).params; }
-int camera_model_focals(CameraModel model) { return row(model).focals; }
 
 std::optional<CameraModel> camera_model_from_id(int64_t id) {
   const ModelRow* found = find_row(id);

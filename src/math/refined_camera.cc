@@ -22,6 +22,19 @@ double sine_ratio(double x2) {
   return (x - std::sin(x)) / (x2 * x);
 }
 
+bool has_one_focal(CameraModel model) {
+  switch (model) {
+    case CameraModel::kSimplePinhole:
+    case CameraModel::kSimpleRadial:
+    case CameraModel::kRadial:
+    case CameraModel::kSimpleRadialFisheye:
+    case CameraModel::kRadialFisheye:
+      return true;
+    default:
+      return false;
+  }
+}
+
 // Index of k1 among the parameters, k2 behind it; 0 where the model has not both.
 size_t radial_at(CameraModel model) {
   switch (model) {
@@ -99,7 +112,7 @@ Camera corrected(const Camera& camera, const LensCorrection& c) {
   Camera out = c.k1 != 0 || c.k2 != 0 ? with_radial(camera) : camera;
   const double fx = camera.fx(), fy = camera.fy(), factor = std::exp(c.focal);
   // As Camera::fy() and cx() read them: one focal length first, or two.
-  const size_t centre = camera_model_focals(camera.model) == 2 ? 2 : 1;
+  const size_t centre = has_one_focal(camera.model) ? 1 : 2;
   for (size_t i = 0; i < centre; ++i) out.params[i] *= factor;
   out.params[centre] += c.centre.x * fx;
   out.params[centre + 1] += c.centre.y * fy;

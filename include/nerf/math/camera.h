@@ -38,7 +38,6 @@ inline constexpr int kMaxCameraParams = 16;
 // Name as in cameras.txt ("SIMPLE_PINHOLE"), and its number of parameters.
 std::string_view camera_model_name(CameraModel model);
 int camera_model_params(CameraModel model);
-int camera_model_focals(CameraModel model);  // 1: f comes first; 2: fx and fy do
 std::optional<CameraModel> camera_model_from_id(int64_t id);
 std::optional<CameraModel> camera_model_from_name(std::string_view name);
 

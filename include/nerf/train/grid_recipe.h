@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "nerf/base/options.h"
+#include "nerf/train/camera_recipe.h"
 
 namespace nerf {
 
@@ -26,6 +27,7 @@ struct GridRecipe {
   // Cells of the occupancy grid that cannot hold matter by the cameras, by the photos' alpha and by
   // the sparse points are in use all the same.
   bool keep_unseen = false, keep_transparent = false, keep_free = false;
+  CameraRecipe cameras;
 
   template <class V>
   void visit_options(V& v) {
@@ -80,6 +82,7 @@ struct GridRecipe {
     v("keep_free", keep_free,
       "cells that lie between cameras and the points they see, or nearer to cameras than what they "
       "see, may hold matter too, where a scene is unbounded");
+    cameras.visit_options(v);
     for (const char* name : {"network_l2", "late_levels", "coarse_photos"}) v.retired(name, 0.0);
     v.retired("every_row", false);
   }
