@@ -102,13 +102,14 @@ void CameraRefinement::find_factors() {
     const Vec3d at = scene_.points[static_cast<size_t>(o.point)].position;
     seen[static_cast<size_t>(o.image)].push_back(scene_.to_engine.apply(at));
   }
+  between_.assign(pose_factors_.size(), std::vector<double>(kLens * kPose));
+  lens_of_pose_.assign(pose_factors_.size(), -1);
   std::vector<std::vector<double>> poses(pose_factors_.size(), std::vector<double>(kPose * kPose));
   std::vector<std::vector<double>> lenses(lens_factors_.size(), std::vector<double>(kLens * kLens));
   std::vector<double> pose_counts(poses.size()), lens_counts(lenses.size());
-  const auto add = [](const auto& row, std::vector<double>& sum) {
-    const size_t n = row.size();
-    for (size_t i = 0; i < n; ++i)
-      for (size_t j = 0; j < n; ++j) sum[i * n + j] += row[i] * row[j];
+  const auto add = [](const auto& row, const auto& column, std::vector<double>& sum) {
+    for (size_t i = 0; i < row.size(); ++i)
+      for (size_t j = 0; j < column.size(); ++j) sum[i * column.size() + j] += row[i] * column[j];
   };
   for (size_t i = 0; i < given_.size(); ++i) {
     const size_t view = static_cast<size_t>(scene_.train[i]);
@@ -128,32 +129,46 @@ void CameraRefinement::find_factors() {
       const Vec3d apart = point - pose.translation;
       const double distance = length(apart);
       if (!(distance > 0)) continue;
-      const Vec3d u = apart / distance, local = pose.rotation.transposed() * u;
+      const Vec3d u = apart / distance;
+      const Mat3d to_camera = pose.rotation.transposed();
+      const size_t p = static_cast<size_t>(pose_of_[i]), l = static_cast<size_t>(lens_of_[i]);
       for (int k = 0; k < 3; ++k) {
         Vec3d e;
         e[k] = 1;
-        if (pose_of_[i] >= 0) {
-          // Component k of -cross(rotation, u) and of -(I - u u^T) translation / distance.
-          const Vec3d turn = -cross(u, e), move = (u * u[k] - e) / distance;
-          add(std::array{turn.x, turn.y, turn.z, move.x, move.y, move.z},
-              poses[static_cast<size_t>(pose_of_[i])]);
-        }
-        if (lens_of_[i] >= 0)
-          add(lens_gradient(camera, {}, local, e), lenses[static_cast<size_t>(lens_of_[i])]);
+        // Component k of cross(rotation, u), of (I - u u^T) translation / distance, and of what the
+        // lens does.
+        const Vec3d turn = cross(u, e), move = (e - u * u[k]) / distance;
+        const std::array of_pose{turn.x, turn.y, turn.z, move.x, move.y, move.z};
+        std::array<double, kLens> of_lens{};
+        if (lens_of_[i] >= 0) of_lens = free_gradient(camera, {}, to_camera * u, to_camera * e);
+        if (pose_of_[i] >= 0) add(of_pose, of_pose, poses[p]);
+        if (lens_of_[i] >= 0) add(of_lens, of_lens, lenses[l]);
+        if (pose_of_[i] >= 0 && lens_of_[i] >= 0) add(of_lens, of_pose, between_[p]);
       }
-      if (pose_of_[i] >= 0) ++pose_counts[static_cast<size_t>(pose_of_[i])];
-      if (lens_of_[i] >= 0) ++lens_counts[static_cast<size_t>(lens_of_[i])];
+      if (pose_of_[i] >= 0) ++pose_counts[p];
+      if (lens_of_[i] >= 0) ++lens_counts[l];
+      if (pose_of_[i] >= 0 && lens_of_[i] >= 0) lens_of_pose_[p] = lens_of_[i];
     }
   }
-  const auto finish = [](std::vector<std::vector<double>>& sums, const std::vector<double>& counts,
-                         int n, std::vector<Factor>& factors) {
-    for (size_t i = 0; i < sums.size(); ++i) {
-      for (double& x : sums[i]) x /= std::max(counts[i], 1.0);
-      factors[i] = factor_of(std::move(sums[i]), n);
-    }
-  };
-  finish(poses, pose_counts, kPose, pose_factors_);
-  finish(lenses, lens_counts, kLens, lens_factors_);
+  // S of a pose is the mean over its points; that of a lens over all its photos', less what their
+  // poses make up for (the Schur complement).
+  for (size_t p = 0; p < poses.size(); ++p) {
+    const double count = std::max(pose_counts[p], 1.0);
+    for (double& x : poses[p]) x /= count;
+    pose_factors_[p] = factor_of(std::move(poses[p]), kPose);
+    for (double& x : between_[p]) x /= count;
+    for (size_t k = 0; k < kLens; ++k) pose_factors_[p].solve(between_[p].data() + k * kPose);
+    if (lens_of_pose_[p] < 0) continue;
+    std::vector<double>& lens = lenses[static_cast<size_t>(lens_of_pose_[p])];
+    for (size_t i = 0; i < kLens; ++i)
+      for (size_t j = 0; j < kLens; ++j)
+        for (size_t k = 0; k < kPose; ++k)
+          lens[i * kLens + j] -= count * between_[p][i * kPose + k] * between_[p][j * kPose + k];
+  }
+  for (size_t l = 0; l < lenses.size(); ++l) {
+    for (double& x : lenses[l]) x /= std::max(lens_counts[l], 1.0);
+    lens_factors_[l] = factor_of(std::move(lenses[l]), kLens);
+  }
 }
 
 void CameraRefinement::find_gauge() {
@@ -199,6 +214,13 @@ void CameraRefinement::find_gauge() {
 PoseCorrection CameraRefinement::pose_correction(size_t pose) const {
   double x[kPose];
   std::copy_n(values_.data() + kPose * pose, kPose, x);
+  if (const int lens = lens_of_pose_[pose]; lens >= 0) {
+    double of_lens[kLens];
+    std::copy_n(lens_values(static_cast<size_t>(lens)), kLens, of_lens);
+    lens_factors_[static_cast<size_t>(lens)].solve_transposed(of_lens);
+    for (size_t i = 0; i < kLens; ++i)
+      for (size_t k = 0; k < kPose; ++k) x[k] -= between_[pose][i * kPose + k] * of_lens[i];
+  }
   pose_factors_[pose].solve_transposed(x);
   return {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
 }
@@ -210,12 +232,22 @@ LensCorrection CameraRefinement::lens_correction(size_t lens) const {
   return {x[0], {x[1], x[2]}, x[3], x[4]};
 }
 
+// Of what is refined of a lens. A principal point and rotations of all its photos do nearly the
+// same.
+std::array<double, LensCorrection::kParameters> CameraRefinement::free_gradient(
+    const Camera& refined, const LensCorrection& correction, const Vec3d& direction,
+    const Vec3d& gradient) const {
+  auto out = lens_gradient(refined, correction, direction, gradient);
+  if (!recipe_.centre) out[1] = out[2] = 0;
+  return out;
+}
+
 void CameraRefinement::find_lens_gradient(const Vec3d& direction, const Vec3d& gradient,
                                           RayMove& move) const {
   const size_t i = static_cast<size_t>(move.source);
   if (lens_of_[i] < 0) return;
   const Mat3d to_camera = source_.pose_of(i).rotation.transposed();
-  move.lens = lens_gradient(source_.camera_of(i), lens_correction(static_cast<size_t>(lens_of_[i])),
+  move.lens = free_gradient(source_.camera_of(i), lens_correction(static_cast<size_t>(lens_of_[i])),
                             to_camera * direction, to_camera * gradient);
 }
 
@@ -247,9 +279,12 @@ std::vector<double> CameraRefinement::gradient() const {
     const Vec3d turn = rotation_gradient(pose_correction(p).rotation, {x[0], x[1], x[2]});
     for (int k = 0; k < 3; ++k) x[k] = turn[k];
     pose_factors_[p].solve(x);
+    if (lens_of_pose_[p] < 0) continue;
+    double* const of_lens = lens_part(g, static_cast<size_t>(lens_of_pose_[p]));
+    for (size_t i = 0; i < kLens; ++i)
+      for (size_t k = 0; k < kPose; ++k) of_lens[i] -= between_[p][i * kPose + k] * x[k];
   }
-  for (size_t l = 0; l < lens_factors_.size(); ++l)
-    lens_factors_[l].solve(g.data() + kPose * pose_factors_.size() + kLens * l);
+  for (size_t l = 0; l < lens_factors_.size(); ++l) lens_factors_[l].solve(lens_part(g, l));
   const double prior = 2 * recipe_.prior / static_cast<double>(std::max<size_t>(g.size(), 1));
   for (size_t i = 0; i < g.size(); ++i) g[i] += prior * values_[i];
   return g;

@@ -4,9 +4,10 @@
 // A pose has six parameters and a lens five (math/refined_camera.h); photos of one file share a
 // pose, photos with the same intrinsics a lens. Adam moves them in coordinates in which each turns
 // what the photo shows by the same angle and hardly any does what another does: with the mean S of
-// J^T J over directions that a photo sees, J the derivative of a seen point's direction, and S = L
-// L^T, the correction is L^-T times the coordinates. What would move all cameras alike as a rigid
-// body or in scale is taken out of every step: the field could only follow.
+// J^T J over points that a photo sees, J the derivative of where its ray passes them, and S = L
+// L^T, the correction is L^-T times the coordinates. A lens comes behind the poses of its photos:
+// what they would make up for of its correction goes with it. What would move all cameras alike as
+// a rigid body or in scale is taken out of every step: the field could only follow.
 #pragma once
 
 #include <span>
@@ -79,6 +80,11 @@ class CameraRefinement {
   };
   static Factor factor_of(std::vector<double> sum, int n);
   void find_factors();
+  std::array<double, kLens> free_gradient(const Camera& refined, const LensCorrection& correction,
+                                          const Vec3d& direction, const Vec3d& gradient) const;
+  double* lens_part(std::vector<double>& of, size_t lens) const {
+    return of.data() + kPose * pose_factors_.size() + kLens * lens;
+  }
   void find_gauge();
   PoseCorrection pose_correction(size_t pose) const;
   LensCorrection lens_correction(size_t lens) const;
@@ -94,6 +100,9 @@ class CameraRefinement {
   std::vector<int> lens_of_view_;       // of each view of the scene; below 0: stays
   std::vector<Pose> given_;             // of each training photo, engine coordinates
   std::vector<Factor> pose_factors_, lens_factors_;
+  // L's part below a pose: of its photo's lens (which may be none), [kLens][kPose].
+  std::vector<std::vector<double>> between_;
+  std::vector<int> lens_of_pose_;
   std::vector<std::vector<double>> gauge_;  // orthonormal, in coordinates
   std::vector<double> values_, m_, v_;      // [poses][6], [lenses][5]
   std::vector<double> sums_;                // gradient by corrections, of the steps since the last

@@ -213,7 +213,8 @@ TEST(CameraRefinement, ShakenCamerasComeBack) {
   ThreadPool pool(2);
   Trainer trainer(c.scene, c.photos, o, pool);
   trainer.run({});
-  const ModelInfo& info = trainer.snapshot().info();
+  const RadianceField model = trainer.snapshot();
+  const ModelInfo& info = model.info();
   std::vector<Mat3d> of_truth, of_shaken;
   for (const int v : c.scene.train) {
     const size_t i = static_cast<size_t>(v);

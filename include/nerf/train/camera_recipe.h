@@ -20,7 +20,8 @@ struct CameraRecipe {
   int first_step = 128;      // steps before, in which the field takes shape
   int steps = 1;             // whose gradients make a camera's step
   double prior = 0;          // weight of the squared corrections
-  bool lens = true;          // focal length, principal point and distortion too
+  bool lens = true;          // focal length and distortion too
+  bool centre = false;       // the principal point as well
   int first_levels = 5;      // of the table that are open while the cameras begin to move
   double levels_open = 0.5;  // share of the training by which all are
 
@@ -37,7 +38,8 @@ struct CameraRecipe {
       at_most(1024));
     v("camera_prior", prior, "weight of the squares of all corrections in the loss", at_least(0),
       at_most(1e6));
-    v("camera_lens", lens, "focal lengths, principal points and distortion are corrected too");
+    v("camera_lens", lens, "focal lengths and distortion are corrected too");
+    v("camera_centre", centre, "principal points are corrected too, where lenses are");
     v("camera_first_levels", first_levels,
       "levels of the hash grid that are open while cameras begin to move", at_least(1),
       at_most(16));
