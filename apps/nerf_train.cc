@@ -255,6 +255,7 @@ class Training {
     options.pictures = folder_.pictures();
     options.precision = trainer_.options().precision;
     options.fit_light = command_.fit_light;
+    options.align = last && (command_.align_cameras || refines());
     Progress progress("evaluating");
     const Evaluation e = evaluate(
         trainer_.snapshot(), scene_, photos_, options, pool_,
@@ -277,6 +278,10 @@ class Training {
     const int64_t step = trainer_.steps_done();
     if (!metrics_) metrics_.emplace(folder_.metrics(), step);  // resumed when all was done
     metrics_->add_evaluation(step, train_seconds, e);
+  }
+
+  bool refines() const {
+    return trainer_.options().grid_recipe.cameras.refine == RefineCameras::kOn;
   }
 
   int leave_stopped() {
@@ -313,6 +318,12 @@ class Training {
                              s.psnr, s.ssim, s.counted));
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
+    if (summary_.evaluation.aligned)
+      log_info(
+          fmt::format("  aligned     PSNR {:.2f} dB, SSIM {:.4f}: from where a fit by each "
+                      "photo puts its camera",
+                      summary_.evaluation.aligned_psnr, summary_.evaluation.aligned_ssim));
+    if (refines()) write_cameras(folder_.refined(), trainer_.snapshot().info(), scene_);
     log_info(fmt::format("written to  {}", folder_.path().string()));
     return kExitOk;
   }

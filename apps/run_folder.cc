@@ -11,6 +11,7 @@
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
+#include "nerf/io/camera_files.h"
 #include "nerf/kernels/simd.h"
 
 namespace nerf::apps {
@@ -25,11 +26,14 @@ std::string dump(const Json& json, int indent = -1) {
 
 Json view_scores(const Evaluation& e) {
   Json views = Json::array();
-  for (const ViewScore& v : e.views)
-    views.push_back({{"name", v.name},
-                     {"scale", v.scale},
-                     {"psnr", v.psnr ? Json(*v.psnr) : Json()},
-                     {"ssim", v.ssim ? Json(*v.ssim) : Json()}});
+  const auto number = [](const std::optional<double>& x) { return x ? Json(*x) : Json(); };
+  for (const ViewScore& v : e.views) {
+    views.push_back(
+        {{"name", v.name}, {"scale", v.scale}, {"psnr", number(v.psnr)}, {"ssim", number(v.ssim)}});
+    if (!e.aligned) continue;
+    views.back()["aligned_psnr"] = number(v.aligned_psnr);
+    views.back()["aligned_ssim"] = number(v.aligned_ssim);
+  }
   return views;
 }
 
@@ -148,11 +152,30 @@ void MetricsFile::add_evaluation(int64_t step, double train_seconds, const Evalu
                    {"per_view", view_scores(e)}}));
 }
 
+void write_cameras(const fs::path& folder, const ModelInfo& info, const Scene& scene) {
+  std::vector<CameraOfPhoto> photos;
+  bool transforms = true;
+  for (size_t v = 0; v < info.views.size(); ++v) {
+    const ModelView& view = info.views[v];
+    const View& photo = scene.views[v];  // those of other sizes stand behind
+    const Camera& full = scene.cameras[static_cast<size_t>(photo.camera)];
+    const fs::path file = photo.image_path.lexically_relative(scene.root);
+    photos.push_back({view.name, (file.empty() ? photo.image_path : file).generic_string(),
+                      view.camera.scaled_to(full.width, full.height), view.pose});
+    transforms = transforms && transforms_know(view.camera.model);
+  }
+  write_colmap_text(folder, photos);
+  if (transforms) write_transforms(folder / "transforms.json", photos);
+}
+
 void write_result(const fs::path& path, const RunSummary& s) {
   const bool measured = s.evaluation.counted > 0;
+  const auto aligned = [&](double x) { return s.evaluation.aligned ? Json(x) : Json(); };
   write_file_atomically(path, dump(Json{{"scene", s.scene},
                                         {"psnr", measured ? Json(s.evaluation.psnr) : Json()},
                                         {"ssim", measured ? Json(s.evaluation.ssim) : Json()},
+                                        {"aligned_psnr", aligned(s.evaluation.aligned_psnr)},
+                                        {"aligned_ssim", aligned(s.evaluation.aligned_ssim)},
                                         {"seconds", s.run.train_seconds},
                                         {"steps", s.run.steps},
                                         {"samples", s.run.samples},

@@ -32,6 +32,7 @@ class RunFolder {
   std::filesystem::path model() const { return path_ / "model.nerf"; }
   std::filesystem::path checkpoint() const { return path_ / "checkpoint.nerf"; }
   std::filesystem::path pictures() const { return path_ / "eval"; }
+  std::filesystem::path refined() const { return path_ / "refined"; }  // cameras
   // Where the cameras of photos and the frames of a video are worked out.
   std::filesystem::path capture() const { return path_ / kCaptureFolder; }
 
@@ -70,6 +71,10 @@ struct RunSummary {
   RunResult run;
   Evaluation evaluation;
 };
+
+// The model's cameras, at the size of the scene's photos: cameras.txt, images.txt, points3D.txt
+// and, where it can say them, transforms.json, whose paths are those from the capture's folder.
+void write_cameras(const std::filesystem::path& folder, const ModelInfo& info, const Scene& scene);
 
 void write_result(const std::filesystem::path& path, const RunSummary& summary);
 

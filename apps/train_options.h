@@ -64,6 +64,7 @@ struct TrainCommand {
   FitLight fit_light = FitLight::kAuto;
   double checkpoint_every = 2;
   int report_every = 50;
+  bool align_cameras = false;
   TrainOptions train;
 
   template <class V>
@@ -126,6 +127,11 @@ struct TrainCommand {
     v("checkpoint_every", checkpoint_every,
       "minutes of training between checkpoints; 0: only at the end", at_least(0), not_of_result());
     v("report_every", report_every, "steps between lines of metrics.jsonl", at_least(1),
+      not_of_result());
+    v("align_cameras", align_cameras,
+      "held-out photos are also scored from where a fit by themselves puts their cameras; always "
+      "so "
+      "where cameras are refined",
       not_of_result());
     v.heading("Method");
     v("list_methods", list_methods, "prints the table of methods and leaves",

@@ -11,6 +11,7 @@
 #include "nerf/io/depth_image.h"
 #include "nerf/model/field.h"
 #include "nerf/train/metrics.h"
+#include "train/camera_fit.h"
 #include "train/photo_fit.h"
 
 namespace nerf {
@@ -72,6 +73,14 @@ double mean(const std::vector<ViewScore>& views, std::optional<double> ViewScore
       ++count;
     }
   return count > 0 ? sum / count : 0;
+}
+
+// The lens that the model has for a photo; the photo's own where it has none.
+const Camera& camera_of(const ModelInfo& info, const std::string& name, const Camera& own) {
+  for (const ModelView& view : info.views)
+    if (view.name == name && view.camera.width == own.width && view.camera.height == own.height)
+      return view.camera;
+  return own;
 }
 
 }  // namespace
@@ -137,16 +146,31 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
       if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
     };
     render_options.time = static_cast<Real>(scene.views[v].time);
+    const Camera& camera = options.align
+                               ? camera_of(model.info(), scene.views[v].name, photos.cameras[v])
+                               : photos.cameras[v];
     if (result.halves)
-      render_options.appearance = fit_appearance(field, photos.cameras[v], scene.views[v].pose,
-                                                 photo, render_options, pool, cancel);
+      render_options.appearance =
+          fit_appearance(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);
     const std::vector<uint8_t> mask = result.halves ? right_half(photo) : photo.mask;
-    const Frame frame =
-        render(field, photos.cameras[v], scene.views[v].pose, render_options, pool, at, cancel);
     const Image8 truth = photo_over(photo, render_options.background);
-    const Image8 rendering = to_picture(frame);
-    result.views.push_back({scene.views[v].name, psnr(truth, rendering, mask),
-                            ssim(truth, rendering, pool, mask), scene.views[v].scale});
+    Frame frame = render(field, camera, scene.views[v].pose, render_options, pool, at, cancel);
+    Image8 rendering = to_picture(frame);
+    ViewScore score{scene.views[v].name,
+                    psnr(truth, rendering, mask),
+                    ssim(truth, rendering, pool, mask),
+                    scene.views[v].scale,
+                    {},
+                    {}};
+    if (options.align) {
+      const CameraFit fit =
+          fit_camera(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);
+      frame = render(field, camera, fit.pose, render_options, pool, {}, cancel);
+      rendering = to_picture(frame);
+      score.aligned_psnr = psnr(truth, rendering, mask);
+      score.aligned_ssim = ssim(truth, rendering, pool, mask);
+    }
+    result.views.push_back(std::move(score));
     if (!options.pictures.empty())
       write_image(options.pictures / picture_file(scene.views[v].name, used),
                   side_by_side(truth, mask, rendering, frame));
@@ -163,6 +187,9 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   result.psnr = all.psnr;
   result.ssim = all.ssim;
   result.counted = all.counted;
+  result.aligned = options.align;
+  result.aligned_psnr = mean(result.views, &ViewScore::aligned_psnr);
+  result.aligned_ssim = mean(result.views, &ViewScore::aligned_ssim);
   std::map<int, std::vector<ViewScore>> by_scale;
   for (const ViewScore& s : result.views) by_scale[s.scale].push_back(s);
   for (const auto& [scale, of] : by_scale) {

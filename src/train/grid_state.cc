@@ -18,6 +18,7 @@ void visit_arrays(T& t, Visit&& visit) {
   visit("networks_m", t.dense->m.span());
   visit("networks_v", t.dense->v.span());
   visit("opacity", t.field.occupancy.training_state());
+  if (t.cameras) CameraRefinement::visit_arrays(*t.cameras, visit);
 }
 constexpr const char* kLevels = "occupancy";  // as of its last rebuild
 
@@ -60,6 +61,7 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
   std::ranges::fill(optimiser.marks, uint8_t{0});
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   visit_rows(*this, [&](const char* name, auto states) { file.read(name, states); });
+  if (cameras) cameras->apply();
   optimiser.give_weights(field);
   field.occupancy.set_levels(levels);
   samples_per_ray = scalars.number("samples_per_ray");

@@ -92,6 +92,12 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   chunk_squared_error.resize(chunk_loss.size());
   corrections.resize(2 * kBiasCorrections);
   queries.resize(static_cast<size_t>(pool.size()));
+  if (o.grid_recipe.cameras.refine == RefineCameras::kOn) {
+    cameras = std::make_unique<CameraRefinement>(scene, photos, o.grid_recipe.cameras, source);
+    batch.keep_lines();
+    d_position = AlignedArray<Real>(3 * columns);
+    ray_moves.resize(batch.weight.size());
+  }
   initialise();
   const PixelLoss pixel = PixelLoss::huber(static_cast<Real>(o.grid_recipe.huber_delta));
   own_head = std::make_unique<GridHead>(field, losses(pixel), *dense, pool);
@@ -164,12 +170,17 @@ void GridTrainer::look_up() {
   const int64_t ld = kChunkSamples;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
   const int64_t rows = field.shape.features_per_entry();
+  const int64_t open = open_levels();
   each_level_of_chunks(pool, level_count, batch.chunks,
                        [&](int64_t l, int64_t first, int64_t last) {
-                         for (int64_t c = first; c < last; ++c)
-                           encode_level(field, static_cast<size_t>(l), points_of(c),
-                                        batch.samples[static_cast<size_t>(c)],
-                                        features.data() + (c * level_count + l) * rows * ld, ld);
+                         for (int64_t c = first; c < last; ++c) {
+                           Real* const to = features.data() + (c * level_count + l) * rows * ld;
+                           if (l < open)
+                             encode_level(field, static_cast<size_t>(l), points_of(c),
+                                          batch.samples[static_cast<size_t>(c)], to, ld);
+                           else
+                             std::fill_n(to, rows * ld, 0.0_r);
+                         }
                        });
 }
 
@@ -188,7 +199,9 @@ AdamStep GridTrainer::dense_step() const {
 void GridTrainer::scatter(StepReport& report) {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
+  if (cameras) move_cameras();
   const AdamStep step = adam_at(done);
+  const int64_t open = open_levels();
   bias_corrections(step, corrections.data());
   const auto list_of = [&](int64_t l) {
     return optimiser.listed.data() + field.shape.levels[static_cast<size_t>(l)].offset;
@@ -217,6 +230,8 @@ void GridTrainer::scatter(StepReport& report) {
     const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
     Real* const gradient = optimiser.table_gradient.data() + level.begin();
     uint8_t* const marks = optimiser.marks.data() + level.offset;
+    optimiser.listed_count[static_cast<size_t>(l)] = 0;
+    if (l >= open) return;
     for (int64_t c = 0; c < batch.chunks; ++c) {
       const GridPoints p = points_of(c);
       hash_grid_backward(level, p.x, p.y, p.z, chunk_kept[static_cast<size_t>(c)],
@@ -253,6 +268,7 @@ void GridTrainer::begin_anew() {
   samples_per_ray = 16;
   optimiser = TableState(field);
   dense->forget();
+  if (cameras) cameras->reset();
   field.occupancy = OccupancyGrid(field.occupancy.cascades(), field.occupancy.side());
   initialise();
 }

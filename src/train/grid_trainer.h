@@ -7,6 +7,7 @@
 #include "nerf/base/aligned.h"
 #include "nerf/kernels/adam.h"
 #include "nerf/model/grid_field.h"
+#include "train/camera_refinement.h"
 #include "train/ray_batch.h"
 #include "train/trainer_impl.h"
 
@@ -64,6 +65,7 @@ struct GridTrainer final : TrainerImpl {
   double late_saving_share(int64_t steps) const override;
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
+  const CameraRefinement* refined_cameras() const override { return cameras.get(); }
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;
@@ -89,6 +91,13 @@ struct GridTrainer final : TrainerImpl {
   void keep_samples(int64_t c, Chunk& chunk);
   // What the report says of chunk c's pixels.
   void note_pixels(int64_t c, const GridTape& tape, const Chunk& chunk);
+  // Of refined cameras (grid_cameras.cc): levels of the table that are looked up, the size of a
+  // camera's step, that step where it is due, the gradient of the step's rays, and chunk c of it.
+  int64_t open_levels() const;
+  double camera_rate() const;
+  void move_cameras();
+  void find_camera_gradient();
+  void find_ray_moves(int64_t c);
   void observe_samples();
   // Over the step's rays, those that met no matter included, and channels.
   double mean_squared_error() const;
@@ -110,6 +119,9 @@ struct GridTrainer final : TrainerImpl {
   std::vector<int64_t> chunk_colours;       // evaluations of the colour network
   std::vector<int64_t> chunk_kept;          // samples that learn, see keep_samples()
   std::vector<double> chunk_loss, chunk_opacity, chunk_squared_error;  // sums over rays
+  std::unique_ptr<CameraRefinement> cameras;  // none: they stay, and so is nothing of these kept
+  AlignedArray<Real> d_position;              // grid coordinates, [chunk][3][kChunkSamples]
+  std::vector<RayMove> ray_moves;             // [chunk][kChunkRays]
 
   double samples_per_ray = 16;  // of the last steps; sets the number of rays of the next
   // Of the last steps: what the networks took, what the table's gradient and its optimiser took,

@@ -24,6 +24,7 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, double sigh
                              static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height));
     const View& view = scene.views[static_cast<size_t>(v)];
     poses_.push_back(scene.to_engine.apply(view.pose));
+    cameras_.push_back(photos.cameras[static_cast<size_t>(v)]);
     near_.push_back(near[static_cast<size_t>(v)]);
     times_.push_back(static_cast<Real>(view.time));
     has_depth_ = has_depth_ || !p.depth.empty();
@@ -99,10 +100,10 @@ bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) 
 
 // The ray of a pixel whose photo and place are known.
 bool PixelSource::cast(Pixel& out) const {
-  const size_t i = out.source, view = static_cast<size_t>(views_[i]);
+  const size_t i = out.source;
   const Photo& photo = *out.photo;
   photo.prefetch(out.x, out.y);
-  out.camera = &photos_.cameras[view];
+  out.camera = &cameras_[i];
   out.weight = weights_[i];
   out.pose = &poses_[i];
   const auto ray = camera_ray(*out.camera, poses_[i], out.centre());

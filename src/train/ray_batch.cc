@@ -35,6 +35,21 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
 void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
   const size_t first = static_cast<size_t>(chunk) * kChunkSamples;
   for (auto* a : {&x, &y, &z}) keep_columns(1, kept, count, a->data() + first, kChunkSamples);
+  if (!lines) return;
+  keep_columns(1, kept, count, lines->distance.data() + first, kChunkSamples);
+  const int32_t* const begin = ray_begin.data() + static_cast<size_t>(chunk) * (kChunkRays + 1);
+  int32_t ray = 0;
+  for (int64_t i = 0; i < count; ++i) {
+    while (kept[i] >= begin[ray + 1]) ++ray;
+    lines->ray[first + static_cast<size_t>(i)] = ray;
+  }
+}
+
+void RayBatch::keep_lines() {
+  lines = std::make_unique<RayLines>();
+  lines->distance = AlignedArray<Real>(x.size());
+  lines->ray.resize(x.size());
+  lines->source.resize(weight.size());
 }
 
 RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, bool intervals,
@@ -50,8 +65,8 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
                                std::span<const Ray> given, int thread) {
   constexpr Real kUncachedShare = 1.0_r / 16;  // of rays, which ignore the cached density
   Block& block = blocks_[static_cast<size_t>(index)];
-  for (auto* v :
-       {&block.x, &block.y, &block.z, &block.delta, &block.middle, &block.width, &block.cell_width})
+  for (auto* v : {&block.x, &block.y, &block.z, &block.delta, &block.middle, &block.width,
+                  &block.cell_width, &block.distance})
     v->clear();
   block.cell.clear();
   RaySampler& sampler = samplers_[static_cast<size_t>(thread)];
@@ -82,6 +97,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     Random& random = randoms[static_cast<size_t>(i)];
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
+    if (given.empty()) record.source = static_cast<int32_t>(pixel.source);
     record.weight = pixel.weight;
     record.photo = pixel.ray.photo;
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
@@ -110,6 +126,8 @@ void RayBatchMaker::place_samples(const Vec3& entry, const Vec3& direction, Real
   block.cell.resize(end);
   if (intervals_)
     for (auto* v : {&block.middle, &block.width}) v->resize(end);
+  if (lines_)
+    for (const Real t : samples.t) block.distance.push_back(start + t);
   nerf::place_samples(field_, entry, direction, samples.t.data(), static_cast<int64_t>(end - first),
                       block.x.data() + first, block.y.data() + first, block.z.data() + first);
   const OccupancyGrid& grid = field_.occupancy;
@@ -141,6 +159,10 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
       copy(block.middle, batch.middle);
       copy(block.width, batch.width);
     }
+    if (lines_) {
+      copy(block.distance, batch.lines->distance);
+      batch.lines->source[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.source;
+    }
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);
     copy(block.cell_width, batch.cell_width);
@@ -168,6 +190,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
                          std::span<const Ray> given, RayBatch& batch) {
   for (RaySampler& sampler : samplers_) sampler.set_samples_per_cell(samples_per_cell);
   lists_ = batch.lists;
+  lines_ = batch.lines != nullptr;
   const int64_t blocks = (rays + kBlock - 1) / kBlock;
   if (static_cast<int64_t>(blocks_.size()) < blocks) blocks_.resize(static_cast<size_t>(blocks));
   pool_.parallel_for_thread(

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -46,6 +47,15 @@ class PixelSource {
   size_t photos() const { return views_.size(); }
   // Photos of different files: Ray::photo is one of them, the same at every scale.
   const std::vector<std::string>& files() const { return file_names_; }
+  int file_of(size_t i) const { return files_[i]; }
+  // Of the i-th training photo: camera-to-engine, and the camera at the photo's size. They begin as
+  // the scene's.
+  const Pose& pose_of(size_t i) const { return poses_[i]; }
+  const Camera& camera_of(size_t i) const { return cameras_[i]; }
+  void place(size_t i, const Pose& pose, const Camera& camera) {
+    poses_[i] = pose;
+    cameras_[i] = camera;
+  }
   bool has_depth() const { return has_depth_; }        // some photo has a depth map
   double mean_weight() const { return mean_weight_; }  // over all pixels
   // draw() in two halves, so that a caller with many pixels hides the memory's latency: the first
@@ -62,8 +72,9 @@ class PixelSource {
   const std::vector<int>& views_;        // Scene::train
   std::vector<uint64_t> pixels_before_;  // prefix sums over views_, one more entry than views
   std::vector<Pose> poses_;              // engine coordinates
-  std::vector<Real> weights_;            // of each photo's pixels
-  std::vector<int> files_;               // see Ray::photo
+  std::vector<Camera> cameras_;
+  std::vector<Real> weights_;  // of each photo's pixels
+  std::vector<int> files_;     // see Ray::photo
   std::vector<std::string> file_names_;
   double mean_weight_ = 1;
   bool has_depth_ = false;
@@ -71,6 +82,13 @@ class PixelSource {
   Real sighting_share_ = 0;
   std::vector<double> near_;  // engine units; no sample closer to the camera
   std::vector<Real> times_;   // see Ray::time
+};
+
+// Where a step's samples lie on which ray, for what moves the rays.
+struct RayLines {
+  AlignedArray<Real> distance;  // from the camera, engine units; [chunk][kChunkSamples]
+  std::vector<int32_t> ray;     // of the chunk, once the samples that learn are known; likewise
+  std::vector<int32_t> source;  // PixelSource::Pixel::source, or -1; [chunk][kChunkRays]
 };
 
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,
@@ -107,7 +125,9 @@ struct RayBatch {
     Real target[3], weight;
     int32_t place;
   };
-  bool lists = false;  // whether fill() lists them
+  bool lists = false;               // whether fill() lists them
+  std::unique_ptr<RayLines> lines;  // only where the caller asks for them
+  void keep_lines();
   std::vector<Listed> listed;
 
   // Moves the grid coordinates of `count` samples of a chunk, `kept` in ascending order, to its
@@ -142,13 +162,13 @@ class RayBatchMaker {
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
     Real depth = 0;
-    int32_t photo = -1;
+    int32_t photo = -1, source = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step
   };
   static constexpr int kBlock = 64;  // rays that are drawn together
   struct Block {
-    std::vector<Real> x, y, z, delta, middle, width, cell_width;
+    std::vector<Real> x, y, z, delta, middle, width, cell_width, distance;
     std::vector<int32_t> cell;
     RayRecord rays[kBlock];
   };
@@ -163,7 +183,7 @@ class RayBatchMaker {
 
   const PixelSource& source_;
   const GridField& field_;
-  bool intervals_, lists_ = false;
+  bool intervals_, lists_ = false, lines_ = false;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread
   std::vector<RaySamples> scratch_;

@@ -4,6 +4,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/train/methods.h"
+#include "train/camera_refinement.h"
 #include "train/method_rows.h"
 #include "train/trainer_impl.h"
 
@@ -107,6 +108,10 @@ RadianceField Trainer::snapshot() const {
     const View& view = impl_->scene.views[v];
     if (view.scale > 1) continue;  // the same camera again
     info.views.push_back({view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
+    if (const CameraRefinement* const refined = impl_->refined_cameras()) {
+      info.views.back().camera = refined->camera(v);
+      info.views.back().pose = refined->pose(v);
+    }
   }
   return impl_->snapshot(std::move(info));
 }

@@ -15,6 +15,8 @@
 
 namespace nerf {
 
+class CameraRefinement;
+
 struct TrainerImpl {
   TrainerImpl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool, const RateSchedule& schedule)
@@ -71,6 +73,7 @@ struct TrainerImpl {
   // The first weights (of the salt in force) and an optimiser without memory.
   virtual void begin_anew() = 0;
   virtual RadianceField snapshot(ModelInfo info) const = 0;
+  virtual const CameraRefinement* refined_cameras() const { return nullptr; }
   // Everything that a step reads and the step before wrote, besides the members of this class.
   virtual void save_state(internal::ContainerWriter& file,
                           nlohmann::ordered_json& scalars) const = 0;

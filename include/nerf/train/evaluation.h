@@ -37,6 +37,9 @@ struct EvaluationOptions {
   std::filesystem::path pictures;  // folder for side-by-side pictures; empty: none are written
   Precision precision = Precision::kAuto;  // of the networks' products
   FitLight fit_light = FitLight::kAuto;
+  // Scores each view a second time from where a fit by its own photo puts its camera: what a field
+  // whose cameras moved is to be compared by. Its lens is the model's.
+  bool align = false;
 };
 
 // As metrics.h defines them; no value where nothing counts (masked out, or too small a picture).
@@ -44,7 +47,8 @@ struct ViewScore {
   std::string name;
   std::optional<double> psnr;  // dB
   std::optional<double> ssim;
-  int scale = 1;  // View::scale
+  int scale = 1;                                     // View::scale
+  std::optional<double> aligned_psnr, aligned_ssim;  // only where cameras are aligned
 };
 
 // Means over the views of one scale.
@@ -60,6 +64,8 @@ struct Evaluation {
   double psnr = 0, ssim = 0;       // means over the views that have a value; 0 where none has
   int counted = 0;                 // views with a PSNR
   bool halves = false;             // right halves were compared, after a fit to the left ones
+  bool aligned = false;            // whether there are scores of aligned cameras
+  double aligned_psnr = 0, aligned_ssim = 0;
   double seconds = 0;
 };
 
@@ -75,8 +81,8 @@ Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const
 
 // Renders the views of scene.test at the size of their photos and compares 8-bit pictures (PSNR and
 // SSIM of metrics.h), masked-out pixels left out; right halves alone where light is fitted.
-// Pictures are named after the views. `progress` gets the fraction done. Throws Cancelled, and
-// Error where a picture cannot be written.
+// Pictures, from aligned cameras where there are, are named after the views. `progress` gets the
+// fraction done. Throws Cancelled, and Error where a picture cannot be written.
 Evaluation evaluate(const RadianceField& field, const Scene& scene, const PhotoSet& photos,
                     const EvaluationOptions& options, ThreadPool& pool,
                     const std::function<void(double)>& progress = {},

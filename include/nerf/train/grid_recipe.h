@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "nerf/base/options.h"
+#include "nerf/train/camera_recipe.h"
 #include "nerf/train/light_recipe.h"
 
 namespace nerf {
@@ -28,6 +29,7 @@ struct GridRecipe {
   // the sparse points are in use all the same.
   bool keep_unseen = false, keep_transparent = false, keep_free = false;
   LightRecipe light;
+  CameraRecipe cameras;
 
   template <class V>
   void visit_options(V& v) {
@@ -83,6 +85,7 @@ struct GridRecipe {
       "cells that lie between cameras and the points they see, or nearer to cameras than what they "
       "see, may hold matter too, where a scene is unbounded");
     light.visit_options(v);
+    cameras.visit_options(v);
     for (const char* name : {"network_l2", "late_levels", "coarse_photos", "error_guidance"})
       v.retired(name, 0.0);
     v.retired("every_row", false);
