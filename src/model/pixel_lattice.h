@@ -2,10 +2,11 @@
 //
 // Pixels of a coarse square lattice come first, then the middles of its squares, then those of its
 // edges, which is a lattice half as wide, and so on (the order of the diamond-square algorithm,
-// Fournier, Fussell and Carpenter 1982). A pixel has four nearest neighbours among those before it.
-// Where their colours and depths agree, and none of them differed much from what its own neighbours
-// had foretold, it is their mean; else a ray is cast. With a lattice of 4 the first two passes meet
-// every straight line two pixels wide.
+// Fournier, Fussell and Carpenter 1982). A pixel has four nearest neighbours among those before it,
+// and four more in line with them three times as far away, which foretell its colour together. How
+// far that will be off is guessed from how the neighbours differ and how far off their own colours
+// were; where the guess is small and their depths agree, the pixel is what they foretell; else a
+// ray is cast. With a lattice of 4 the first two passes meet every straight line two pixels wide.
 #pragma once
 
 #include <cstdint>
@@ -18,9 +19,9 @@ namespace nerf::internal {
 
 struct LatticeOptions {
   int spacing = 4;  // of the first pass, a power of two, at least 2
-  // sRGB, [0, 1]: how much the neighbours' colours may differ where they are two pixels away. The
-  // last pass takes 3 times as much, the first of several 3/4.
-  Real tolerance = 8.0_r / 255;
+  // sRGB, [0, 1]: how far a colour may be off, by the guess, in the last two passes. Those before,
+  // from which more follows, take 0.6 of it.
+  Real tolerance = 4.0_r / 255;
   Real depth_ratio = 1.1_r;  // of the farthest to the nearest of the neighbours
   bool sure = true;          // the second pass casts all its rays too
 };
@@ -48,13 +49,15 @@ class PixelLattice {
     int step = 1;  // between its pixels along a row; at first the lattice's spacing
     int half = 0;  // distance to the neighbours, along the axes or the diagonals; 0: none
     bool diagonal = false;
-    Real contrast = 0, surprise = 0;  // up to which a pixel needs no ray
+    Real tolerance = 0;  // of the guess, up to which a pixel needs no ray
     double share = 1;
   };
-  // The four neighbours of a pixel; false where a picture of few pixels has not as many.
-  bool find_neighbours(const Pass& pass, int x, int y, size_t out[4]) const;
-  // Gives pixel p its neighbours' means where they agree, else returns false.
-  bool interpolate(const Pass& pass, size_t p, const size_t from[4], Frame& frame) const;
+  // The four neighbours of a pixel, `reach` times as far away as its nearest, in opposite pairs:
+  // the first and the last, and the other two. False where the picture has not as many.
+  bool find_neighbours(const Pass& pass, int reach, int x, int y, size_t out[4]) const;
+  // Gives pixel p at (x, y) what its neighbours foretell where they agree, else returns false.
+  bool interpolate(const Pass& pass, int x, int y, size_t p, const size_t from[4],
+                   Frame& frame) const;
   template <class Body>
   void each_pixel(const Pass& pass, int x0, int y0, int x1, int y1, const Body& body) const;
 
@@ -62,7 +65,8 @@ class PixelLattice {
   int width_, height_;
   std::vector<Pass> passes_;
   std::vector<uint8_t> wanted_;
-  std::vector<Real> surprise_;  // largest difference of a colour from its neighbours' mean
+  // Largest difference of a colour from its neighbours' mean; half of theirs where no ray was cast.
+  std::vector<Real> surprise_;
 };
 
 }  // namespace nerf::internal

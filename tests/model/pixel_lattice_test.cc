@@ -98,6 +98,61 @@ TEST(PixelLattice, SlowSlopesAreFoundFromFewRays) {
   EXPECT_LT(most_error(drawn, slope), 0.0041);  // of the border, where one side stands for both
 }
 
+// Of the pixels [from, to) along both axes.
+double most_error_within(const Drawn& drawn, const Picture& picture, int from, int to) {
+  double most = 0;
+  for (int y = from; y < to; ++y)
+    for (int x = from; x < to; ++x) {
+      const size_t p = static_cast<size_t>(y * drawn.frame.width + x);
+      most = std::max(most,
+                      std::abs(static_cast<double>(drawn.frame.rgb[3 * p] - picture(x, y).grey)));
+    }
+  return most;
+}
+
+// Shading that bends, as that of something round does, is met by the cubic, but for its very
+// bottom, which is not below the nearest pixels there. Their mean would be 4e-4 off where they are
+// closest.
+TEST(PixelLattice, BentShadingIsForetold) {
+  const Picture bowl = [](int x, int y) {
+    const Real u = static_cast<Real>(x - 32), v = static_cast<Real>(y - 32);
+    return Seen{0.3_r + 2e-4_r * (u * u + v * v), 3};
+  };
+  const Drawn drawn = draw(bowl, 65, 65);
+  EXPECT_LT(drawn.rays, 65 * 65 / 2);
+  // Away from the border, where the outer neighbours are not in line.
+  EXPECT_LT(most_error_within(drawn, bowl, 8, 57), 1e-4);
+}
+
+// The outer neighbours have no say where they are at another depth: a bright thing behind a dark
+// one leaves no rim on it.
+TEST(PixelLattice, OtherDepthsDoNotReachIn) {
+  const Picture step = [](int x, int) {
+    return x < 30 ? Seen{0.3_r + 0.002_r * static_cast<Real>(x), 2} : Seen{0.9_r, 9};
+  };
+  const Drawn drawn = draw(step, 64, 64);
+  EXPECT_LT(most_error_within(drawn, step, 8, 56), 1e-4);  // a slope's step is 2e-3
+  EXPECT_LT(drawn.rays, 64 * 64 / 2);
+}
+
+// The tolerance is of the error, whatever the pattern's size.
+TEST(PixelLattice, ErrorsFollowTheTolerance) {
+  const Picture waves = [](int x, int y) {
+    return Seen{0.5_r + 0.15_r * std::sin(0.35_r * static_cast<Real>(x)) *
+                            std::cos(0.3_r * static_cast<Real>(y)),
+                2};
+  };
+  int rays = 96 * 96 + 1;
+  for (const Real tolerance : {1.0_r / 255, 4.0_r / 255, 16.0_r / 255}) {
+    LatticeOptions options;
+    options.tolerance = tolerance;
+    const Drawn drawn = draw(waves, 96, 96, options);
+    EXPECT_LT(most_error(drawn, waves), 2 * static_cast<double>(tolerance));
+    EXPECT_LT(drawn.rays, rays);
+    rays = drawn.rays;
+  }
+}
+
 // A line two pixels wide is complete wherever it stands, and so is the edge of a large thing.
 TEST(PixelLattice, LinesAndEdgesAreComplete) {
   for (int offset = 0; offset < 8; ++offset) {

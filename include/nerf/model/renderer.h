@@ -40,10 +40,11 @@ struct RenderOptions {
   Real unshaded = 1.0_r / 1024;  // share of a pixel's light whose colour may be left out
   // Share of a pixel's light that successive samples of its ray may have together to be given one
   // colour, that of the mean of their features by weight; 0: every sample has its own.
-  Real shared_colour = 1.0_r / 16;
-  // Grid method: a pixel whose neighbours' colours differ by less takes their mean instead of a ray
-  // of its own (model/pixel_lattice.h; sRGB, [0, 1]); 0: every pixel has its ray.
-  Real interpolated = 8.0_r / 255;
+  Real shared_colour = 1.0_r / 8;
+  // Grid method: a pixel whose neighbours foretell its colour to within so much, as far as can be
+  // guessed, has no ray of its own (model/pixel_lattice.h; sRGB, [0, 1]); 0: every pixel has its
+  // ray.
+  Real interpolated = 4.0_r / 255;
   Precision precision = Precision::kAuto;  // of the networks' products
   // Rays along a pixel's side, averaged; 0: with the grid method a pixel's width in pixels of the
   // photos trained on (their median), rounded, 1 to kMostSupersampling; one with the paper methods.
