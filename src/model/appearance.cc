@@ -1,6 +1,5 @@
 #include "model/appearance.h"
 
-#include <algorithm>
 #include <string>
 
 #include "nerf/base/error.h"
@@ -17,14 +16,6 @@ void check_appearance(const Field& field, const Appearance& appearance) {
     throw Error("a change of colour has " + std::to_string(appearance.colours.size()) +
                     " numbers instead of " + std::to_string(kColourChange),
                 "RenderOptions::appearance", "take appearance_of() the same model");
-}
-
-void change_colours(const Appearance& appearance, std::span<Real> rgb) {
-  if (appearance.colours.empty()) return;
-  for (size_t i = 0; i + 2 < rgb.size(); i += 3) {
-    const auto changed = appearance.changed(rgb.data() + i);
-    for (size_t k = 0; k < 3; ++k) rgb[i + k] = std::clamp(changed[k], 0.0_r, 1.0_r);
-  }
 }
 
 }  // namespace nerf::internal

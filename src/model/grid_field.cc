@@ -201,7 +201,7 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     add_gradient(tape, image.weights, weight_gradient);
   }
   if (training && changes.out > 0)
-    image.pixel = change_colours(tape, image.pixel, table_rows(tape, photo, changes));
+    image.pixel = change_colours(tape, image.pixel, background, table_rows(tape, photo, changes));
   if (training) pixel_loss = record_pixel_loss(tape, image.pixel, losses.pixel);
   tape.plan();
 }

@@ -99,7 +99,8 @@ RayResults integrate(const RadianceField& radiance, std::span<const Ray> rays, c
     if (progress) progress(static_cast<double>(++done) / static_cast<double>(items));
   });
   out.statistics = integrator->statistics();
-  internal::change_colours(options.appearance, out.rgb);
+  internal::change_colours(
+      options.appearance, out.opacity, [&](size_t i) { return rays[i].background; }, out.rgb);
   return out;
 }
 

@@ -139,7 +139,8 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   };
   Frame frame = n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
                       : render_part(camera, progress);
-  internal::change_colours(options.appearance, frame.rgb);
+  internal::change_colours(
+      options.appearance, frame.alpha, [&](size_t) { return options.background; }, frame.rgb);
   return frame;
 }
 

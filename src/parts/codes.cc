@@ -36,12 +36,14 @@ CodeShape CodeBooks::shape() const {
   return {appearance.out > 0 ? appearance.in : 0, colours.out > 0, photos};
 }
 
-std::array<Real, 3> Appearance::changed(const Real rgb[3]) const {
-  if (colours.empty()) return {rgb[0], rgb[1], rgb[2]};
-  std::array<Real, 3> out;
+std::array<Real, 3> Appearance::changed(const Real rgb[3], Real opacity,
+                                        const Vec3& background) const {
+  std::array<Real, 3> out{rgb[0], rgb[1], rgb[2]};
+  if (colours.empty()) return out;
   for (size_t i = 0; i < 3; ++i) {
-    out[i] = rgb[i] + colours[9 + i];
-    for (size_t k = 0; k < 3; ++k) out[i] += colours[3 * i + k] * rgb[k];
+    out[i] += colours[9 + i] * opacity;
+    for (size_t k = 0; k < 3; ++k)
+      out[i] += colours[3 * i + k] * (rgb[k] - (1 - opacity) * background[static_cast<int>(k)]);
   }
   return out;
 }

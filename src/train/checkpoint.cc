@@ -85,11 +85,11 @@ std::string Trainer::load_checkpoint(const std::filesystem::path& path) {
   const TrainOptions options = checked_options(header, t.options);
   const std::string run_state = header.text("run");
   const JsonFields state = header.object("state");
-  t.load_state(file, state);
   t.done = state.integer("done", 0, INT64_MAX);
   t.salt = state.unsigned_integer("salt");
   t.rate_factor = state.number("rate_factor");
   t.options = options;
+  t.load_state(file, state);
   return run_state;
 }
 

@@ -1,5 +1,6 @@
 // From the features of a step's samples to the loss and back, chunk by chunk.
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <numeric>
 
@@ -83,6 +84,21 @@ void GridTrainer::note_pixels(int64_t c, const GridTape& tape, const Chunk& chun
   chunk_opacity[static_cast<size_t>(c)] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
 }
 
+void GridTrainer::leave_out(int64_t c, const GridTape& tape, Random& random, Chunk& chunk) {
+  const int64_t lr = chunk.stride(tape.image.pixel);
+  const Real* pixel = chunk.data(tape.image.pixel);
+  const Real* target = batch.target_of(static_cast<int>(c));
+  for (int r = 0; r < chunk.rays; ++r) {
+    const size_t at = static_cast<size_t>(c * kChunkRays + r);
+    Real error = 0;
+    for (int k = 0; k < 3; ++k)
+      error += std::abs(pixel[k * lr + r] - target[k * kChunkRays + r]) / 3;
+    ray_errors[at] = error;
+    if (robust->leaves_out(batch.tile[at], error, done, random.uniform()))
+      chunk.data(tape.pixel_loss.scale)[r] = 0;
+  }
+}
+
 double GridTrainer::mean_squared_error() const {
   const double sum =
       std::accumulate(chunk_squared_error.begin(), chunk_squared_error.begin() + batch.chunks,
@@ -107,6 +123,7 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       chunk.roulette.offset = static_cast<double>(random.uniform());
       tape.tape.forward(chunk);
       chunk_colours[static_cast<size_t>(c)] = chunk.count(tape.colour);
+      if (robust && !open) leave_out(c, tape, random, chunk);
       if (has_losses_on_weights()) add_losses_on_weights(c, tape, chunk);
       tape.tape.backward(chunk);
       keep_samples(c, chunk);

@@ -19,6 +19,7 @@ void visit_arrays(T& t, Visit&& visit) {
   visit("networks_v", t.dense->v.span());
   visit("opacity", t.field.occupancy.training_state());
   if (t.cameras) CameraRefinement::visit_arrays(*t.cameras, visit);
+  if (t.robust) RobustMask::visit_arrays(*t.robust, visit);
 }
 constexpr const char* kLevels = "occupancy";  // as of its last rebuild
 
@@ -65,6 +66,7 @@ void GridTrainer::load_state(const internal::ContainerReader& file,
   optimiser.give_weights(field);
   field.occupancy.set_levels(levels);
   samples_per_ray = scalars.number("samples_per_ray");
+  if (robust) robust->find_threshold(progress_at(std::max<int64_t>(done - 1, 0)));
   dense->pack(options.precision, pool);
 }
 

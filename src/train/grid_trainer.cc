@@ -98,6 +98,11 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     d_position = AlignedArray<Real>(3 * columns);
     ray_moves.resize(batch.weight.size());
   }
+  if (const double share = o.grid_recipe.light.robust.share; share > 0) {
+    robust = std::make_unique<RobustMask>(p, s.train, share);
+    maker.use_tiles(*robust);
+    ray_errors.resize(batch.weight.size());
+  }
   initialise();
   const PixelLoss pixel = PixelLoss::huber(static_cast<Real>(o.grid_recipe.huber_delta));
   own_head = std::make_unique<GridHead>(field, losses(pixel), *dense, pool);
@@ -258,6 +263,7 @@ void GridTrainer::observe(const StepReport& report, const PhaseSeconds& seconds)
   const auto follow = [&](double& mean, double now) {
     mean = done == 0 ? now : 0.8 * mean + 0.2 * now;
   };
+  if (robust && given.empty()) robust->observe(batch, ray_errors, progress_at(done));
   follow(samples_per_ray, samples / rays);
   follow(chunk_seconds, seconds.head);
   follow(table_seconds, seconds.scatter);
@@ -269,6 +275,7 @@ void GridTrainer::begin_anew() {
   optimiser = TableState(field);
   dense->forget();
   if (cameras) cameras->reset();
+  if (robust) robust->reset();
   field.occupancy = OccupancyGrid(field.occupancy.cascades(), field.occupancy.side());
   initialise();
 }

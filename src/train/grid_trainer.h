@@ -98,6 +98,9 @@ struct GridTrainer final : TrainerImpl {
   void move_cameras();
   void find_camera_gradient();
   void find_ray_moves(int64_t c);
+  // Leaves out what does not belong to the scene, between the passes over chunk c. Takes on from
+  // the chunk's random numbers.
+  void leave_out(int64_t c, const GridTape& tape, Random& random, Chunk& chunk);
   void observe_samples();
   // Over the step's rays, those that met no matter included, and channels.
   double mean_squared_error() const;
@@ -119,6 +122,8 @@ struct GridTrainer final : TrainerImpl {
   std::vector<int64_t> chunk_colours;       // evaluations of the colour network
   std::vector<int64_t> chunk_kept;          // samples that learn, see keep_samples()
   std::vector<double> chunk_loss, chunk_opacity, chunk_squared_error;  // sums over rays
+  std::unique_ptr<RobustMask> robust;                                  // none: every pixel teaches
+  std::vector<Real> ray_errors;  // then: absolute, mean over channels; [chunk][kChunkRays]
   std::unique_ptr<CameraRefinement> cameras;  // none: they stay, and so is nothing of these kept
   AlignedArray<Real> d_position;              // grid coordinates, [chunk][3][kChunkSamples]
   std::vector<RayMove> ray_moves;             // [chunk][kChunkRays]

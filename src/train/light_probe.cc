@@ -170,6 +170,8 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   const bool unlike = unlike_days || probe.smooth_share.value_or(0) > kUnlikeLight;
   LightRecipe& light = options.grid_recipe.light;
   if (light.appearance.automatic) light.appearance = {false, unlike ? kAppearance : 0};
+  // A share that is left out costs a capture that does not need it: only what is asked for.
+  if (light.robust.automatic) light.robust = {false, 0};
   if (light.colour_correction == Switch::kAuto)
     light.colour_correction = unlike_days ? Switch::kOn : Switch::kOff;
   if (!options.grid_recipe.point_depth && unlike_days) {

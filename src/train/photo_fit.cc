@@ -96,7 +96,8 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
   const Pixels pixels = left_half(field, camera, camera_to_world, photo, options);
   RenderOptions own = options;
   own.appearance = {};
-  std::vector<Real> rendered, code_of_rendered;
+  RayResults rendered;
+  std::vector<Real> code_of_rendered;
   // x: deviations from the mean, in units of the spread.
   const auto appearance_at = [&](std::span<const double> x) {
     Appearance a;
@@ -108,15 +109,16 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
   const auto residuals = [&](std::span<const double> x, std::vector<double>& r) {
     if (cancel && cancel->requested()) throw Cancelled();
     const Appearance a = appearance_at(x);
-    if (rendered.empty() || a.code != code_of_rendered) {
+    if (rendered.rgb.empty() || a.code != code_of_rendered) {
       own.appearance.code = code_of_rendered = a.code;
-      rendered = integrate(field, pixels.rays, {}, own, pool).rgb;
+      rendered = integrate(field, pixels.rays, {}, own, pool);
     }
     r.clear();
-    for (size_t i = 0; i < rendered.size(); i += 3) {
-      const auto rgb = a.changed(rendered.data() + i);
+    for (size_t i = 0; i < pixels.rays.size(); ++i) {
+      const auto rgb =
+          a.changed(rendered.rgb.data() + 3 * i, rendered.opacity[i], pixels.rays[i].background);
       for (size_t k = 0; k < 3; ++k)
-        r.push_back(robust(static_cast<double>(rgb[k] - pixels.rgb[i + k])));
+        r.push_back(robust(static_cast<double>(rgb[k] - pixels.rgb[3 * i + k])));
     }
     for (const double d : x) r.push_back(kError * d);
   };

@@ -30,6 +30,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   weight.resize(static_cast<size_t>(max) * kChunkRays);
   depth.resize(weight.size());
   photo.resize(weight.size());
+  tile.resize(weight.size());
 }
 
 void RayBatch::keep_points(int chunk, const int32_t* kept, int64_t count) {
@@ -100,6 +101,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     if (given.empty()) record.source = static_cast<int32_t>(pixel.source);
     record.weight = pixel.weight;
     record.photo = pixel.ray.photo;
+    if (robust_ && given.empty()) record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
@@ -169,6 +171,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
     batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
     batch.photo[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.photo;
+    batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];

@@ -14,6 +14,7 @@
 #include "nerf/math/random.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
+#include "train/robust_mask.h"
 #include "train/sightings.h"
 
 namespace nerf {
@@ -111,6 +112,7 @@ struct RayBatch {
   std::vector<int32_t> ray_begin;                    // of each chunk, kChunkRays + 1 entries
   AlignedArray<Real> direction, background, target;  // [chunk][3][kChunkRays]
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
+  std::vector<int32_t> tile;                         // of RobustMask, as `weight`; below 0: none
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
   std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
@@ -145,6 +147,8 @@ class RayBatchMaker {
   // `intervals`: fills RayBatch::middle and width too.
   RayBatchMaker(const PixelSource& source, const GridField& field, bool intervals,
                 ThreadPool& pool);
+  // From now on rays say which tile of it they are of; must outlive this.
+  void use_tiles(const RobustMask& robust) { robust_ = &robust; }
   // Of a sample: once more what its block holds, with a vector's reserve, and its ray's record.
   static constexpr uint64_t kBytesOfSample = 2 * 6 * sizeof(Real) + 100;
   void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch) {
@@ -162,7 +166,7 @@ class RayBatchMaker {
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
     Real depth = 0;
-    int32_t photo = -1, source = -1;
+    int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step
   };
@@ -184,6 +188,7 @@ class RayBatchMaker {
   const PixelSource& source_;
   const GridField& field_;
   bool intervals_, lists_ = false, lines_ = false;
+  const RobustMask* robust_ = nullptr;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread
   std::vector<RaySamples> scratch_;

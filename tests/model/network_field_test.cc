@@ -79,9 +79,9 @@ TEST(NetworkField, FirstWeightsFollowTheSeedAndTheirBounds) {
 TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
   NetworkOptions o = mipnerf360_options();
   o.image_code = 4;
-  NetworkField trained(o, 2, 6, /*photos=*/5);
+  NetworkField trained(o, 2, 6, {"a", "b", "c", "d", "e"});
   const NetworkField rendered(o, 2, 6);
-  EXPECT_EQ(trained.codes().out, 5);
+  EXPECT_EQ(trained.codes().appearance.out, 5);
   EXPECT_EQ(trained.network_size(), rendered.weights.size());
   EXPECT_EQ(trained.parameters(), 9007493u + 4 * 128);
   trained.initialise(1);
@@ -89,8 +89,8 @@ TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
   Real largest = 0;
   for (int j = 0; j < 5; ++j)
     for (int k = 0; k < 4; ++k) {
-      const Real c =
-          trained.weights[trained.codes().offset + static_cast<size_t>(j * weight_stride(4) + k)];
+      const Real c = trained.weights[trained.codes().appearance.offset +
+                                     static_cast<size_t>(j * weight_stride(4) + k)];
       square += static_cast<double>(c * c);
       largest = std::max(largest, std::fabs(c));
     }
@@ -137,7 +137,7 @@ TEST(NetworkField, GradientOfTheWholeModel) {
       NetworkOptions o = small_network(full);
       o.view_dependence = view_dependence;
       if (view_dependence && o.opaque_end) o.image_code = 3;
-      const NetworkField field(o, 2, 6, /*photos=*/2);
+      const NetworkField field(o, 2, 6, {"a", "b"});
       NetworkTape t(o, field.networks.back(), 32, 4, NetworkTape::Purpose::kTrain, {});
       TapeUnderTest test{&t.tape, {}, {}, {}, {}, 900};
       const auto input = [&](Value value, TestInput spec) {

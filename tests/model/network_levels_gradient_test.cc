@@ -150,11 +150,13 @@ TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
     SCOPED_TRACE(method.name);
     WorstError loss(method.name + "_loss"), element(method.name + "_backward"),
         norm(method.name + "_norm");
-    NetworkField field(method.options, 1, 4, /*photos=*/kRays);
+    std::vector<std::string> photos;
+    for (int r = 0; r < kRays; ++r) photos.push_back(std::to_string(r));
+    NetworkField field(method.options, 1, 4, photos);
     for_each_target([&](const std::string&) {
       // Weights as the generic test draws them; there is no tape of which it could be one's input.
       TapeUnderTest of_weights{nullptr, {}, {}, field.layers(), {}, 900, 1, 0.5};
-      if (field.codes().out > 0) of_weights.layers.push_back(field.codes());
+      if (!field.codes().empty()) of_weights.layers.push_back(field.codes().appearance);
       const Rays no_rays{0};
       const gradient_check::Problem problem(of_weights, no_rays, 4);
       for (size_t i = 0; i < problem.weights.size(); ++i)

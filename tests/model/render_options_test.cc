@@ -24,12 +24,12 @@ namespace {
 
 // A new option does not compile until it is named here, and given another value below.
 auto fields(RenderOptions& o) {
-  auto& [background, unclipped, bbox, time, min_transmittance, stop_transmittance, unshaded,
-         shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
+  auto& [background, unclipped, bbox, time, appearance, min_transmittance, stop_transmittance,
+         unshaded, shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
          uniform_share] = o;
-  return std::tie(background, unclipped, bbox, time, min_transmittance, stop_transmittance,
-                  unshaded, shared_colour, interpolated, precision, supersample, sample_factor,
-                  max_samples, uniform_share);
+  return std::tie(background, unclipped, bbox, time, appearance, min_transmittance,
+                  stop_transmittance, unshaded, shared_colour, interpolated, precision, supersample,
+                  sample_factor, max_samples, uniform_share);
 }
 using Fields = decltype(fields(std::declval<RenderOptions&>()));
 
@@ -37,6 +37,7 @@ const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
                          true,
                          std::optional(Box3{{-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5}}),
                          0.5_r,
+                         Appearance{{}, std::vector<Real>(kColourChange, -0.05_r)},
                          0.5_r,
                          0.9_r,
                          0.125_r,
@@ -59,6 +60,7 @@ constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"unclipped", true},
                                             {"bbox", true},
                                             {"time", false, false},
+                                            {"appearance", true},
                                             {"min_transmittance", false},
                                             {"stop_transmittance", false},
                                             {"unshaded", false},

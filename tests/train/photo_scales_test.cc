@@ -157,7 +157,7 @@ TEST(PhotoScales, EveryScaleWeighsTheSame) {
     weight[pixel.weight] += static_cast<double>(pixel.weight);
   }
   EXPECT_EQ(source.photos(), c.scene.train.size());
-  EXPECT_EQ(source.files(), static_cast<int>(source.photos()));  // by name: they have no file
+  EXPECT_EQ(source.files().size(), source.photos());  // by name: they have no file
   ASSERT_EQ(weight.size(), 3u);
   for (const auto& [each, sum] : weight) {
     // A binomial count with a share of pixels p: its standard deviation, times the weight.

@@ -112,9 +112,10 @@ Value mean_of_groups(Tape& tape, Value weights, Value x);
 // of x: for losses that are computed beside the tape (parts/losses.h).
 void add_gradient(Tape& tape, Value x, Value gradient);
 
-// pixel [4 x rays], change [12 x rays] -> [4 x rays]: colours through an affine map of their ray's,
-// rgb' = (I + A) rgb + b, A standing by rows above b; the opacity as it is.
-Value change_colours(Tape& tape, Value pixel, Value change);
+// pixel [4 x rays], background [3 x rays], change [12 x rays] -> [4 x rays]: what stands before the
+// background through an affine map of its ray's, rgb' = (I + A) rgb + b, A standing by rows above
+// b; background and opacity as they are.
+Value change_colours(Tape& tape, Value pixel, Value background, Value change);
 
 // Russian roulette (kernels/roulette.h) on the gradient of x [rows x samples], once all operations
 // recorded after this one have added to it. Operations recorded before it go back with the kept

@@ -12,6 +12,7 @@
 #include "nerf/autodiff/linear_weights.h"
 #include "nerf/autodiff/tape.h"
 #include "nerf/base/real.h"
+#include "nerf/math/vec.h"
 
 namespace nerf {
 
@@ -46,8 +47,9 @@ struct Appearance {
   std::vector<Real> code;  // as many numbers as CodeShape::appearance; empty: the field's default
   std::vector<Real> colours;  // kColourChange numbers; empty: no change
 
-  // Its change of one colour, sRGB. Not clipped.
-  std::array<Real, 3> changed(const Real rgb[3]) const;
+  // Its change of a pixel's colour (sRGB, over the background), of what stands before the
+  // background. Not clipped.
+  std::array<Real, 3> changed(const Real rgb[3], Real opacity, const Vec3& background) const;
 };
 
 // Of a row of the books in `weights`; of those where a part is missing it is empty.

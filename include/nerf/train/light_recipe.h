@@ -1,4 +1,4 @@
-// What is learnt of the light that each photo was taken in.
+// What differs between photos: the light that each was taken in, and what was in the way.
 #pragma once
 
 #include <string>
@@ -14,6 +14,13 @@ struct AutoCount {
   bool operator==(const AutoCount&) const = default;
 };
 
+// A share, none, or as much as the capture asks for.
+struct AutoShare {
+  bool automatic = true;
+  double share = 0;  // where not automatic
+  bool operator==(const AutoShare&) const = default;
+};
+
 enum class Switch { kAuto, kOff, kOn };
 inline auto option_names(Switch) {
   return std::array{OptionName{Switch::kAuto, "auto"}, OptionName{Switch::kOff, "off"},
@@ -21,6 +28,7 @@ inline auto option_names(Switch) {
 }
 
 inline constexpr int kMostAppearance = 64;
+inline constexpr double kMostRobust = 0.5;
 
 template <>
 struct OptionTraits<AutoCount> {
@@ -30,7 +38,16 @@ struct OptionTraits<AutoCount> {
   static AutoCount from_value(const OptionValue& v);
 };
 
+template <>
+struct OptionTraits<AutoShare> {
+  static constexpr OptionType kType = OptionType::kText;
+  static void describe(OptionField& f);
+  static OptionValue to_value(const AutoShare& x);
+  static AutoShare from_value(const OptionValue& v);
+};
+
 struct LightRecipe {
+  AutoShare robust;
   AutoCount appearance;
   Switch colour_correction = Switch::kAuto;
   double code_rate = 0.05, code_decay = 0.01;
@@ -38,6 +55,10 @@ struct LightRecipe {
 
   template <class V>
   void visit_options(V& v) {
+    v("robust", robust,
+      "share of the pixels that people in the way and other things that move may cover: those are "
+      "left out whose error stays large together with their surroundings'; auto, off or a share",
+      brief("share of the pixels that things in the way cover: auto, off or X"));
     v("appearance", appearance,
       "numbers learnt for each photo that its colours depend on (weather, shadows, time of day): "
       "auto, off or how many",

@@ -1,0 +1,116 @@
+#include "train/robust_mask.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "train/ray_batch.h"
+
+namespace nerf {
+
+namespace {
+
+constexpr size_t kBins = 1024;       // of errors, by their root, in [0, 1]
+constexpr Real kDecay = 0.95_r;      // of the histogram, from step to step
+constexpr Real kTileMemory = 0.7_r;  // of a tile, from pixel to pixel
+// An error that is none of a field which has learnt; at last no less is left out. At first any is,
+// or the field would learn what passes by.
+constexpr Real kCertain = 0.1_r;
+constexpr int64_t kMostTiles = 1 << 16;
+constexpr double kWarmUp = 0.1;  // Bernoulli schedule: share exp(-kWarmUp step) teaches anyway
+
+size_t bin_of(Real error) {
+  const Real place = std::sqrt(std::clamp(error, 0.0_r, 1.0_r)) * static_cast<Real>(kBins);
+  return std::min(kBins - 1, static_cast<size_t>(place));
+}
+
+}  // namespace
+
+RobustMask::RobustMask(const PhotoSet& photos, std::span<const int> views, double share)
+    : share_(share), trusted_(views.size(), 1), histogram_(kBins) {
+  int64_t pixels = 0;
+  for (const int v : views) {
+    const Photo& p = photos.photos[static_cast<size_t>(v)];
+    pixels += int64_t{p.width} * p.height;
+  }
+  // Few enough for each to be met every few steps.
+  while (pixels / (int64_t{side_} * side_) > kMostTiles) ++side_;
+  int32_t first = 0;
+  for (size_t i = 0; i < views.size(); ++i) {
+    const Photo& p = photos.photos[static_cast<size_t>(views[i])];
+    Tiles t{(p.width + side_ - 1) / side_, (p.height + side_ - 1) / side_, first};
+    first += t.width * t.height;
+    photo_of_.resize(static_cast<size_t>(first), static_cast<int32_t>(i));
+    tiles_.push_back(t);
+  }
+  outliers_.resize(static_cast<size_t>(first));
+}
+
+int32_t RobustMask::tile_of(size_t source, int x, int y) const {
+  const Tiles& t = tiles_[source];
+  return t.first + (y / side_) * t.width + x / side_;
+}
+
+bool RobustMask::leaves_out(int32_t tile, Real error, int64_t step, Real chance) const {
+  if (tile < 0 || !(error > threshold_) || !is_out(tile)) return false;
+  if (!trusted_[static_cast<size_t>(photo_of_[static_cast<size_t>(tile)])]) return false;
+  return static_cast<double>(chance) >= std::exp(-kWarmUp * static_cast<double>(step));
+}
+
+void RobustMask::observe(const RayBatch& batch, std::span<const Real> errors, double progress) {
+  for (Real& count : histogram_) count *= kDecay;
+  for (int c = 0; c < batch.chunks; ++c)
+    for (int r = 0; r < batch.rays[static_cast<size_t>(c)]; ++r) {
+      const size_t i = static_cast<size_t>(c) * kChunkRays + static_cast<size_t>(r);
+      if (batch.tile[i] < 0) continue;
+      histogram_[bin_of(errors[i])] += 1;
+      Real& share = outliers_[static_cast<size_t>(batch.tile[i])];
+      share += (1 - kTileMemory) * ((errors[i] > threshold_ ? 1.0_r : 0.0_r) - share);
+    }
+  find_threshold(progress);
+}
+
+void RobustMask::find_threshold(double progress) {
+  double all = 0;
+  for (const Real count : histogram_) all += static_cast<double>(count);
+  double above = 0;
+  size_t bin = kBins;
+  while (bin > 0 && above + static_cast<double>(histogram_[bin - 1]) <= share_ * all)
+    above += static_cast<double>(histogram_[--bin]);
+  const Real root = static_cast<Real>(bin) / static_cast<Real>(kBins);
+  threshold_ = all > 0 ? std::max(root * root, kCertain * static_cast<Real>(progress)) : 1.0_r;
+  find_photos();
+}
+
+void RobustMask::find_photos() {
+  for (size_t i = 0; i < tiles_.size(); ++i) {
+    const Tiles& t = tiles_[i];
+    const auto begin = outliers_.begin() + t.first;
+    const auto out =
+        std::count_if(begin, begin + t.width * t.height, [](Real share) { return share > 0.5_r; });
+    trusted_[i] = static_cast<double>(out) <= kMostOfPhoto * t.width * t.height;
+  }
+}
+
+RobustMask::Picture RobustMask::picture(size_t source) const {
+  const Tiles& t = tiles_[source];
+  Picture out{t.width, t.height, {}};
+  for (int32_t i = 0; i < t.width * t.height; ++i)
+    out.pixels.push_back(trusted_[source] && is_out(t.first + i) ? 0 : 255);
+  return out;
+}
+
+double RobustMask::share_left_out() const {
+  int64_t out = 0;
+  for (size_t i = 0; i < outliers_.size(); ++i)
+    out += trusted_[static_cast<size_t>(photo_of_[i])] && outliers_[i] > 0.5_r;
+  return static_cast<double>(out) / static_cast<double>(std::max<size_t>(1, outliers_.size()));
+}
+
+void RobustMask::reset() {
+  std::ranges::fill(outliers_, 0.0_r);
+  std::ranges::fill(histogram_, 0.0_r);
+  std::ranges::fill(trusted_, uint8_t{1});
+  threshold_ = 1;
+}
+
+}  // namespace nerf

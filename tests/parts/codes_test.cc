@@ -1,0 +1,94 @@
+#include "nerf/parts/codes.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "nerf/kernels/linear.h"
+
+namespace nerf {
+namespace {
+
+constexpr size_t kBegin = 48;  // weights that stand before the books
+
+// Books of three photos whose number k of photo p is 10 p + k, of the colours negative.
+struct Filled {
+  CodeBooks books{{5, true, {"a", "b", "c"}}, kBegin};
+  std::vector<Real> weights = std::vector<Real>(kBegin + books.size(), 99);
+
+  Filled() {
+    const auto fill = [&](const LinearWeights& book, Real sign) {
+      for (int p = 0; p < book.out; ++p)
+        for (int k = 0; k < book.in; ++k)
+          weights[book.offset + static_cast<size_t>(p * weight_stride(book.in) + k)] =
+              sign * static_cast<Real>(10 * p + k);
+    };
+    fill(books.appearance, 1);
+    fill(books.colours, -1);
+  }
+};
+
+TEST(CodeBooks, StandBehindEachOther) {
+  const Filled f;
+  EXPECT_EQ(f.books.appearance.offset, kBegin);
+  EXPECT_EQ(f.books.colours.offset, kBegin + f.books.appearance.size());
+  EXPECT_EQ(f.books.rows(), 3);
+  EXPECT_FALSE(f.books.empty());
+  const CodeShape shape = f.books.shape();
+  EXPECT_EQ(shape.appearance, 5);
+  EXPECT_TRUE(shape.colours);
+  EXPECT_EQ(shape.photos, (std::vector<std::string>{"a", "b", "c"}));
+}
+
+TEST(CodeBooks, AreEmptyWithoutPhotosOrNumbers) {
+  EXPECT_TRUE(CodeBooks({5, true, {}}, kBegin).empty());
+  EXPECT_TRUE(CodeBooks({0, false, {"a"}}, kBegin).empty());
+  EXPECT_EQ(CodeBooks({5, false, {"a"}}, kBegin).colours.size(), 0u);
+  EXPECT_EQ(CodeBooks({0, true, {"a"}}, kBegin).appearance.size(), 0u);
+}
+
+TEST(CodeBooks, GiveAPhotosNumbers) {
+  const Filled f;
+  const Appearance b = appearance_of(f.books, f.weights, 1);
+  EXPECT_EQ(b.code, (std::vector<Real>{10, 11, 12, 13, 14}));
+  ASSERT_EQ(b.colours.size(), size_t{kColourChange});
+  EXPECT_EQ(b.colours.front(), -10);
+  EXPECT_EQ(b.colours.back(), -21);
+}
+
+TEST(CodeBooks, TheMeanChangesNoColours) {
+  const Filled f;
+  const Appearance mean = mean_appearance(f.books, f.weights);
+  EXPECT_EQ(mean.code, (std::vector<Real>{10, 11, 12, 13, 14}));
+  EXPECT_TRUE(mean.colours.empty());
+}
+
+TEST(Appearance, BlendsAreLinear) {
+  const Filled f;
+  const Appearance a = appearance_of(f.books, f.weights, 0),
+                   c = appearance_of(f.books, f.weights, 2);
+  EXPECT_EQ(blend(a, c, 0).code, a.code);
+  EXPECT_EQ(blend(a, c, 1).colours, c.colours);
+  EXPECT_EQ(blend(a, c, 0.25_r).code, (std::vector<Real>{5, 6, 7, 8, 9}));
+  const Appearance none;
+  EXPECT_EQ(blend(none, c, 0.5_r).code, (std::vector<Real>{10, 10.5_r, 11, 11.5_r, 12}));
+}
+
+TEST(Appearance, ChangesWhatStandsBeforeTheBackground) {
+  Appearance a;
+  const Real rgb[3] = {0.5_r, 0.25_r, 0.75_r};
+  EXPECT_EQ(a.changed(rgb, 1, {}), (std::array<Real, 3>{0.5_r, 0.25_r, 0.75_r}));
+  a.colours.assign(kColourChange, 0);
+  a.colours[0] = 1;      // twice the red
+  a.colours[5] = 0.5_r;  // half of the blue to the green
+  a.colours[11] = -0.25_r;
+  EXPECT_EQ(a.changed(rgb, 1, {}), (std::array<Real, 3>{1, 0.625_r, 0.5_r}));
+  // A pixel that is all background, and one that is half.
+  EXPECT_EQ(a.changed(rgb, 0, {0.5_r, 0.25_r, 0.75_r}),
+            (std::array<Real, 3>{0.5_r, 0.25_r, 0.75_r}));
+  EXPECT_EQ(a.changed(rgb, 0.5_r, {0.5_r, 0.5_r, 0.5_r}),
+            (std::array<Real, 3>{0.75_r, 0.5_r, 0.625_r}));
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,170 @@
+// Photos of one sphere in several lights.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "nerf/model/field.h"
+#include "nerf/train/evaluation.h"
+#include "nerf/train/light_probe.h"
+#include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::bits_of;
+
+// Photo i is so bright, against the others.
+double gain_of(int i) { return 0.7 + 0.15 * (i % 4) - 0.1 * (i % 3); }
+
+test::SyntheticCapture in_many_lights(int views = 24, int size = 32) {
+  auto c = test::sphere_capture(views, size);
+  for (int i = 0; i < views; ++i) {
+    auto& pixels = c.photos.photos[static_cast<size_t>(i)].pixels8;
+    for (size_t at = 0; at < pixels.size(); ++at)
+      if (at % 4 < 3)
+        pixels[at] =
+            static_cast<uint8_t>(std::lround(gain_of(i) * static_cast<double>(pixels[at])));
+  }
+  return c;
+}
+
+TrainOptions options_with(int appearance, Switch colours, int64_t steps) {
+  TrainOptions o = test::tiny_options(steps);
+  o.grid_recipe.light.appearance = {false, appearance};
+  o.grid_recipe.light.colour_correction = colours;
+  return o;
+}
+
+double held_out(const test::SyntheticCapture& c, const TrainOptions& options, ThreadPool& pool) {
+  Trainer trainer(c.scene, c.photos, options, pool);
+  trainer.run({});
+  EvaluationOptions how;
+  how.fit_light = FitLight::kOn;
+  const Evaluation e = evaluate(trainer.snapshot(), c.scene, c.photos, how, pool);
+  EXPECT_TRUE(e.halves);
+  return e.psnr;
+}
+
+TEST(Light, CodesAndCorrectionsExplainIt) {
+  const auto c = in_many_lights();
+  ThreadPool pool(2);
+  const double plain = held_out(c, options_with(0, Switch::kOff, 300), pool);
+  const double codes = held_out(c, options_with(4, Switch::kOff, 300), pool);
+  const double corrected = held_out(c, options_with(0, Switch::kOn, 300), pool);
+  RecordProperty("plain", std::to_string(plain));
+  RecordProperty("codes", std::to_string(codes));
+  RecordProperty("corrected", std::to_string(corrected));
+  EXPECT_GT(codes, plain + 2);
+  EXPECT_GT(corrected, plain + 2);
+}
+
+// The gains that were learnt follow those of the photos: correlation of the logarithms.
+TEST(Light, CorrectionsAreThePhotosGains) {
+  const auto c = in_many_lights();
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, options_with(0, Switch::kOn, 300), pool);
+  trainer.run({});
+  const RadianceField model = trainer.snapshot();
+  const CodeBooks& books = model.field().codes();
+  ASSERT_EQ(books.photos.size(), c.scene.train.size());
+  double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
+  for (int p = 0; p < books.rows(); ++p) {
+    EXPECT_EQ(books.photos[static_cast<size_t>(p)],
+              c.scene.views[static_cast<size_t>(c.scene.train[static_cast<size_t>(p)])].name);
+    const Real grey[3] = {0.5_r, 0.5_r, 0.5_r};
+    const auto seen =
+        appearance_of(books, model.field().all_weights(), p).changed(grey, 1, {0, 0, 0});
+    const double a = std::log(gain_of(c.scene.train[static_cast<size_t>(p)]));
+    const double b = std::log(static_cast<double>(seen[0] + seen[1] + seen[2]));
+    x += a, y += b, xx += a * a, yy += b * b, xy += a * b;
+  }
+  const double n = books.rows();
+  const double correlation = (xy - x * y / n) / std::sqrt((xx - x * x / n) * (yy - y * y / n));
+  EXPECT_GT(correlation, 0.95);
+}
+
+TEST(Light, GoesOnBitForBitForAnyNumberOfThreads) {
+  const auto c = in_many_lights(8);
+  TrainOptions options = options_with(4, Switch::kOn, 30);
+  options.grid_recipe.light.robust = {false, 0.2};
+  const auto bits_after = [&](int threads, int64_t steps) {
+    ThreadPool pool(threads);
+    Trainer trainer(c.scene, c.photos, options, pool);
+    for (int64_t i = 0; i < steps; ++i) trainer.step();
+    return bits_of(trainer);
+  };
+  const auto whole = bits_after(2, 30);
+  EXPECT_EQ(whole, bits_after(1, 30));
+  const test::TempFolder folder;
+  ThreadPool pool(2);
+  {
+    Trainer first(c.scene, c.photos, options, pool);
+    for (int i = 0; i < 15; ++i) first.step();
+    first.save_checkpoint(folder / "c");
+  }
+  Trainer second(c.scene, c.photos, options, pool);
+  second.step();
+  second.load_checkpoint(folder / "c");
+  for (int i = 0; i < 15; ++i) second.step();
+  EXPECT_EQ(whole, bits_of(second));
+}
+
+TEST(Light, FixedLightNeedsNothing) {
+  const auto c = test::sphere_capture(12);
+  ThreadPool pool(2);
+  const LightProbe probe = probe_light(c.scene, c.photos, pool);
+  EXPECT_FALSE(probe.exposure_spread.has_value());  // no sparse points
+  EXPECT_FALSE(probe.smooth_share.has_value());     // its box ends the scene
+  TrainOptions o;
+  resolve_light(probe, o);
+  EXPECT_EQ(o.grid_recipe.light.appearance, (AutoCount{false, 0}));
+  EXPECT_EQ(o.grid_recipe.light.colour_correction, Switch::kOff);
+  EXPECT_FALSE(o.grid_recipe.point_depth.has_value());
+}
+
+TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
+  TrainOptions shadow;
+  resolve_light({0.03, 0.5}, shadow);
+  EXPECT_GT(shadow.grid_recipe.light.appearance.count, 0);
+  EXPECT_EQ(shadow.grid_recipe.light.colour_correction, Switch::kOff);
+  EXPECT_FALSE(shadow.grid_recipe.point_depth.has_value());
+  TrainOptions days;
+  resolve_light({0.4, {}}, days);
+  EXPECT_GT(days.grid_recipe.light.appearance.count, 0);
+  EXPECT_EQ(days.grid_recipe.light.colour_correction, Switch::kOn);
+  EXPECT_GT(days.grid_recipe.point_depth.value_or(0), 0);
+  TrainOptions said = options_with(0, Switch::kOff, 1);
+  said.grid_recipe.point_depth = 0;
+  resolve_light({0.4, 0.9}, said);
+  EXPECT_EQ(said.grid_recipe.light.appearance.count, 0);
+  EXPECT_EQ(said.grid_recipe.light.colour_correction, Switch::kOff);
+  EXPECT_EQ(said.grid_recipe.point_depth, 0);
+}
+
+// Points that every photo sees, of one grey, in photos of two exposures: one stop apart.
+TEST(Light, ExposuresAreSeenAtSparsePoints) {
+  auto c = test::sphere_capture(20, 32);
+  Scene& scene = c.scene;
+  for (int i = 0; i < 60; ++i) {
+    const double a = 0.3 * i;
+    scene.points.push_back({{0.1 * std::cos(a), 0.1 * std::sin(a), 0.004 * (i - 30)}, 0.5, 15});
+    for (const int v : scene.train) scene.observations.push_back({v, i});
+  }
+  for (size_t v = 0; v < scene.views.size(); ++v) {
+    auto& pixels = c.photos.photos[v].pixels8;
+    for (size_t at = 0; at < pixels.size(); ++at)
+      if (at % 4 < 3) pixels[at] = v % 2 ? 200 : 100;
+  }
+  ThreadPool pool(2);
+  const auto spread = probe_light(scene, c.photos, pool).exposure_spread;
+  ASSERT_TRUE(spread.has_value());
+  // Ten photos of the one and five of the other: deviations of a stop, but for what is added.
+  const double stop = std::log2((200 / 255.0 + 0.02) / (100 / 255.0 + 0.02));
+  EXPECT_NEAR(*spread, stop * std::sqrt(10.0 * 5.0) / 15, 1e-6);
+}
+
+}  // namespace
+}  // namespace nerf

@@ -1,0 +1,118 @@
+#include "train/robust_mask.h"
+
+#include <gtest/gtest.h>
+
+#include "train/ray_batch.h"
+
+namespace nerf {
+namespace {
+
+constexpr int kWidth = 64, kHeight = 32, kTile = 8;
+
+struct Photos {
+  PhotoSet photos;
+  std::vector<int> views{0, 1, 2};
+  Photos() {
+    for (int i = 0; i < 3; ++i) {
+      Photo p;
+      p.width = kWidth;
+      p.height = kHeight;
+      photos.photos.push_back(p);
+    }
+  }
+};
+
+// Steps in which every pixel of a lattice is met once, with the error that error_at says.
+template <class Error>
+void observe(RobustMask& mask, int steps, const Error& error_at, double progress = 0) {
+  RayBatch batch(8);
+  std::vector<Real> errors(batch.weight.size());
+  for (int step = 0; step < steps; ++step) {
+    batch.chunks = 1;
+    std::fill(batch.rays.begin(), batch.rays.end(), 0);
+    for (size_t photo = 0; photo < 3; ++photo)
+      for (int y = 2; y < kHeight; y += 4)
+        for (int x = 2; x < kWidth; x += 4) {
+          size_t c = static_cast<size_t>(batch.chunks - 1);
+          if (batch.rays[c] == kChunkRays) ++c, ++batch.chunks;
+          const size_t at = c * kChunkRays + static_cast<size_t>(batch.rays[c]++);
+          batch.tile[at] = mask.tile_of(photo, x, y);
+          errors[at] = error_at(photo, x, y);
+        }
+    mask.observe(batch, errors, progress);
+  }
+}
+
+bool passes_by(size_t photo, int x, int y) { return photo == 1 && x < 24 && y < 16; }
+
+constexpr int64_t kLate = 1000;  // of all steps, so that chance plays no part
+
+TEST(RobustMask, LeavesOutWhereErrorsStayLargeTogether) {
+  const Photos p;
+  RobustMask mask(p.photos, p.views, 0.1);
+  const auto error = [](size_t photo, int x, int y) {
+    if (passes_by(photo, x, y)) return 0.3_r;
+    return x % 8 < 4 && y % 8 < 4 ? 0.25_r : 0.02_r;  // an edge: one pixel of four
+  };
+  observe(mask, 30, error);
+  EXPECT_TRUE(mask.leaves_out(mask.tile_of(1, 10, 10), 0.3_r, kLate, 0.5_r));
+  EXPECT_FALSE(mask.leaves_out(mask.tile_of(1, 10, 10), 0.01_r, kLate, 0.5_r));  // is right
+  EXPECT_FALSE(mask.leaves_out(mask.tile_of(1, 40, 20), 0.25_r, kLate, 0.5_r));  // an edge
+  EXPECT_FALSE(mask.leaves_out(mask.tile_of(0, 10, 10), 0.3_r, kLate, 0.5_r));   // another photo
+  EXPECT_FALSE(mask.leaves_out(-1, 0.3_r, kLate, 0.5_r));
+}
+
+TEST(RobustMask, ThePictureShowsIt) {
+  const Photos p;
+  RobustMask mask(p.photos, p.views, 0.1);
+  observe(mask, 30, [](size_t photo, int x, int y) { return passes_by(photo, x, y) ? 0.3_r : 0; });
+  const RobustMask::Picture picture = mask.picture(1);
+  ASSERT_EQ(picture.width, kWidth / kTile);
+  ASSERT_EQ(picture.height, kHeight / kTile);
+  for (int y = 0; y < picture.height; ++y)
+    for (int x = 0; x < picture.width; ++x)
+      EXPECT_EQ(picture.pixels[static_cast<size_t>(y * picture.width + x)],
+                passes_by(1, x * kTile, y * kTile) ? 0 : 255);
+  EXPECT_EQ(mask.picture(0).pixels, std::vector<uint8_t>(32, 255));
+  EXPECT_NEAR(mask.share_left_out(), 6.0 / 96, 1e-12);
+}
+
+TEST(RobustMask, BeginsLittleByLittle) {
+  const Photos p;
+  RobustMask mask(p.photos, p.views, 0.1);
+  observe(mask, 30, [](size_t photo, int x, int y) { return passes_by(photo, x, y) ? 0.3_r : 0; });
+  const int32_t tile = mask.tile_of(1, 4, 4);
+  EXPECT_FALSE(mask.leaves_out(tile, 0.3_r, 0, 0.99_r));
+  EXPECT_FALSE(mask.leaves_out(tile, 0.3_r, 5, 0.3_r));  // exp(-0.5) of them teach
+  EXPECT_TRUE(mask.leaves_out(tile, 0.3_r, 5, 0.7_r));
+}
+
+// At last an error must be large by itself: a scene without anything in the way keeps its details.
+TEST(RobustMask, KeepsSmallErrorsOfAFieldThatHasLearnt) {
+  const Photos p;
+  const auto error = [](size_t photo, int x, int y) { return passes_by(photo, x, y) ? 0.06_r : 0; };
+  RobustMask early(p.photos, p.views, 0.1), late(p.photos, p.views, 0.1);
+  observe(early, 30, error, 0);
+  observe(late, 30, error, 1);
+  EXPECT_TRUE(early.leaves_out(early.tile_of(1, 4, 4), 0.06_r, kLate, 0.5_r));
+  EXPECT_FALSE(late.leaves_out(late.tile_of(1, 4, 4), 0.06_r, kLate, 0.5_r));
+}
+
+TEST(RobustMask, AWholePhotoIsNotInTheWay) {
+  const Photos p;
+  RobustMask mask(p.photos, p.views, 0.4);
+  observe(mask, 30, [](size_t photo, int, int) { return photo == 2 ? 0.3_r : 0; });
+  EXPECT_FALSE(mask.leaves_out(mask.tile_of(2, 4, 4), 0.3_r, kLate, 0.5_r));
+  EXPECT_EQ(mask.share_left_out(), 0);
+}
+
+TEST(RobustMask, ForgetsWhenItBeginsAnew) {
+  const Photos p;
+  RobustMask mask(p.photos, p.views, 0.1);
+  observe(mask, 30, [](size_t photo, int x, int y) { return passes_by(photo, x, y) ? 0.3_r : 0; });
+  mask.reset();
+  EXPECT_FALSE(mask.leaves_out(mask.tile_of(1, 4, 4), 0.3_r, kLate, 0.5_r));
+}
+
+}  // namespace
+}  // namespace nerf
