@@ -61,7 +61,10 @@ CameraRefinement::CameraRefinement(const Scene& scene, const PhotoSet& photos,
 CameraRefinement::Factor CameraRefinement::factor_of(std::vector<double> sum, int n) {
   constexpr double kPad = 0.1, kLeast = 1e-6;  // of the diagonal; absolute, radians squared
   const size_t size = static_cast<size_t>(n);
-  for (size_t i = 0; i < size; ++i) sum[i * size + i] = sum[i * size + i] * (1 + kPad) + kLeast;
+  for (size_t i = 0; i < size; ++i) {
+    double& d = sum[i * size + i];
+    d = d > 0 ? d * (1 + kPad) + kLeast : 1;  // one that changes nothing
+  }
   for (size_t i = 0; i < size; ++i)
     for (size_t j = 0; j <= i; ++j) {
       double x = sum[i * size + j];

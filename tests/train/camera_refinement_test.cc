@@ -38,6 +38,7 @@ class CarriedBatch {
   explicit CarriedBatch(GridTrainer& trainer) : t_(trainer) {
     t_.draw();
     const RayBatch& b = t_.batch;
+    distances_.assign(b.lines->distance.begin(), b.lines->distance.end());
     for (int64_t c = 0; c < b.chunks; ++c)
       for (int r = 0; r < b.rays[static_cast<size_t>(c)]; ++r) {
         const size_t source = source_of(c, r);
@@ -58,8 +59,7 @@ class CarriedBatch {
             camera_ray(t_.source.camera_of(source), t_.source.pose_of(source), pixels_[ray++]);
         for (int64_t s = c * kChunkSamples + begin[r]; s < c * kChunkSamples + begin[r + 1]; ++s) {
           const size_t i = static_cast<size_t>(s);
-          const Vec3d p =
-              line->origin + line->direction * static_cast<double>(b.lines->distance[i]);
+          const Vec3d p = line->origin + line->direction * static_cast<double>(distances_[i]);
           // Contracted in Real, as samples are; of a bounded scene the box alone.
           const Vec3 g = t_.field.grid_position(p.cast<Real>());
           b.x[i] = g.x;
@@ -68,6 +68,7 @@ class CarriedBatch {
         }
       }
     }
+    std::ranges::copy(distances_, b.lines->distance.begin());  // the last backward pass moved them
     t_.look_up();
     StepReport report;
     t_.head(report);
@@ -85,6 +86,7 @@ class CarriedBatch {
 
   GridTrainer& t_;
   std::vector<Vec2d> pixels_;
+  std::vector<Real> distances_;
 };
 
 // Of the whole chain: loss, networks, lookup, contraction, ray, pose and lens.
@@ -103,6 +105,7 @@ void compare_gradient(bool unbounded) {
   o.grid_recipe.distortion = 0;
   o.precision = Precision::kF32;
   o.grid_recipe.cameras.first_step = 1000;
+  o.grid_recipe.cameras.centre = true;
   ThreadPool pool(2);
   Trainer trainer(c.scene, c.photos, o, pool);
   for (int i = 0; i < 60; ++i) trainer.step();
@@ -122,9 +125,9 @@ void compare_gradient(bool unbounded) {
   norm = std::sqrt(norm / static_cast<double>(got.size()));
   ASSERT_GT(norm, 1e-5);
   const bool is_float = std::is_same_v<Real, float>;
-  // In float the loss is rounded to about 1e-7 of itself for each ray, and a wide step crosses
-  // cells, whose slopes differ.
-  const double h = is_float ? 4e-4 : 1e-7, tolerance = (is_float ? 3e-2 : 1e-5) * norm;
+  // In float the loss is rounded, and a wide step crosses cells, whose slopes differ: with 1e-4 the
+  // differences are further off, and with 3e-6 as well.
+  const double h = is_float ? 1e-5 : 1e-7, tolerance = (is_float ? 3e-2 : 1e-5) * norm;
   WorstError worst(unbounded ? "camera_gradient_unbounded" : "camera_gradient");
   for (size_t i = 0; i < values.size(); ++i) {
     const auto loss_at = [&](double x) {
@@ -172,60 +175,38 @@ TEST(CameraRefinement, GoesOnBitForBit) {
   for (const double x : grid_of(whole).cameras->values()) EXPECT_EQ(x, 0);
 }
 
-// Radians between two rotations.
-double angle(const Mat3d& a, const Mat3d& b) {
-  const Mat3d r = a.transposed() * b;
-  const Vec3d twice_sine{r.m[2][1] - r.m[1][2], r.m[0][2] - r.m[2][0], r.m[1][0] - r.m[0][1]};
-  return std::asin(std::min(1.0, 0.5 * length(twice_sine)));
-}
-
-// Rotations after the mean one between the two sets is taken out, to first order.
-double mean_rotation_error(const std::vector<Mat3d>& truth, const std::vector<Mat3d>& got) {
-  Vec3d mean;
-  std::vector<Vec3d> errors;
-  for (size_t i = 0; i < truth.size(); ++i) {
-    const Mat3d r = got[i] * truth[i].transposed();
-    errors.push_back(Vec3d{r.m[2][1] - r.m[1][2], r.m[0][2] - r.m[2][0], r.m[1][0] - r.m[0][1]} *
-                     0.5);
-    mean = mean + errors.back() / static_cast<double>(truth.size());
-  }
-  double sum = 0;
-  for (const Vec3d& e : errors) sum += length(e - mean);
-  return sum / static_cast<double>(errors.size());
-}
-
-TEST(CameraRefinement, ShakenCamerasComeBack) {
-  auto c = sphere_capture(16, 48);
-  std::vector<Mat3d> truth, shaken, refined;
-  for (size_t v = 0; v < c.scene.views.size(); ++v) {
-    Pose& pose = c.scene.views[v].pose;
-    truth.push_back(pose.rotation);
+// By the photos that train: a small sphere seen all around says little of whether its cameras
+// turned or moved, but what they show fits together.
+TEST(CameraRefinement, ShakenCamerasFitTogetherAgain) {
+  const auto truth = sphere_capture(16, 48);
+  auto shaken = truth;
+  for (size_t v = 0; v < shaken.scene.views.size(); ++v) {
     const double x = static_cast<double>(v);
-    pose = corrected(pose,
-                     {Vec3d{std::sin(3 * x), std::sin(5 * x + 1), std::sin(7 * x + 2)} * 0.02, {}});
-    shaken.push_back(pose.rotation);
+    const Vec3d turn{std::sin(3 * x), std::sin(5 * x + 1), std::sin(7 * x + 2)};
+    Pose& pose = shaken.scene.views[v].pose;
+    pose = corrected(pose, {turn * 0.02, {}});
   }
-  TrainOptions o = refining(600);
-  o.grid_recipe.cameras.first_step = 64;
-  o.grid_recipe.cameras.first_levels = 2;
-  o.grid_recipe.cameras.rate = 2e-3;
-  o.grid_recipe.cameras.lens = false;
   ThreadPool pool(2);
-  Trainer trainer(c.scene, c.photos, o, pool);
-  trainer.run({});
-  const RadianceField model = trainer.snapshot();
-  const ModelInfo& info = model.info();
-  std::vector<Mat3d> of_truth, of_shaken;
-  for (const int v : c.scene.train) {
-    const size_t i = static_cast<size_t>(v);
-    refined.push_back(info.views[i].pose.rotation);
-    of_truth.push_back(truth[i]);
-    of_shaken.push_back(shaken[i]);
-  }
-  const double before = mean_rotation_error(of_truth, of_shaken);
-  const double after = mean_rotation_error(of_truth, refined);
-  EXPECT_LT(after, 0.35 * before) << before;
-  EXPECT_GT(angle(refined.front(), of_shaken.front()), 0);
+  const auto psnr = [&](const test::SyntheticCapture& c, RefineCameras refine) {
+    constexpr int kSteps = 400, kLast = 40;
+    TrainOptions o = refining(kSteps);
+    o.grid_recipe.cameras.refine = refine;
+    o.grid_recipe.cameras.first_step = 64;
+    o.grid_recipe.cameras.first_levels = 2;
+    o.grid_recipe.keep_transparent = true;  // the hull that shaken cameras see is too small
+    Trainer trainer(c.scene, c.photos, o, pool);
+    double sum = 0;
+    for (int i = 0; i < kSteps; ++i) {
+      const double now = trainer.step().psnr;
+      if (i >= kSteps - kLast) sum += now / kLast;
+    }
+    return sum;
+  };
+  const double good = psnr(truth, RefineCameras::kOff);
+  const double bad = psnr(shaken, RefineCameras::kOff);
+  const double refined = psnr(shaken, RefineCameras::kOn);
+  EXPECT_LT(bad, good - 3);
+  EXPECT_GT(refined, good - 0.25 * (good - bad)) << good << " " << bad;
 }
 
 }  // namespace
