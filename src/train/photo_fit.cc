@@ -4,9 +4,9 @@
 #include <cmath>
 #include <vector>
 
+#include "model/coded_rays.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/field.h"
-#include "nerf/model/integrator.h"
 #include "train/least_squares.h"
 
 namespace nerf {
@@ -81,7 +81,7 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
                           const Pose& camera_to_world, const Photo& photo,
                           const RenderOptions& options, ThreadPool& pool, const Cancel* cancel) {
   const CodeBooks& books = field.field().codes();
-  if (books.empty()) return {};
+  if (books.appearance.out == 0 && books.colours.out == 0) return {};
   std::vector<Appearance> learnt;
   for (int p = 0; p < books.rows(); ++p)
     learnt.push_back(appearance_of(books, field.field().all_weights(), p));
@@ -94,8 +94,7 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
   }
 
   const Pixels pixels = left_half(field, camera, camera_to_world, photo, options);
-  RenderOptions own = options;
-  own.appearance = {};
+  const auto rays = internal::coded_rays(field, pixels.rays, options, pool, cancel);
   std::vector<Real> rendered, code_of_rendered;
   // x: deviations from the mean, in units of the spread.
   const auto appearance_at = [&](std::span<const double> x) {
@@ -109,8 +108,8 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
     if (cancel && cancel->requested()) throw Cancelled();
     const Appearance a = appearance_at(x);
     if (rendered.empty() || a.code != code_of_rendered) {
-      own.appearance.code = code_of_rendered = a.code;
-      rendered = integrate(field, pixels.rays, {}, own, pool).rgb;
+      code_of_rendered = a.code;
+      rendered = rays->pixels(a.code);
     }
     r.clear();
     for (size_t i = 0; i < rendered.size(); i += 3) {

@@ -30,6 +30,9 @@ struct TrainerImpl {
   const RayPixels& begin_step(std::span<const Ray> rays);
   StepReport finish_step(std::span<const Real> gradient, double loss);
 
+  // Throws Error where the method's steps cannot be opened.
+  virtual void check_open() const {}
+
   // The phases of a step, in their order. A method leaves out what it does not need.
   //
   // Draws rays and, where samples do not depend on the networks, places them.

@@ -79,9 +79,9 @@ TEST(NetworkField, FirstWeightsFollowTheSeedAndTheirBounds) {
 TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
   NetworkOptions o = mipnerf360_options();
   o.image_code = 4;
-  NetworkField trained(o, 2, 6, /*photos=*/5);
+  NetworkField trained(o, 2, 6, {"a", "b", "c", "d", "e"});
   const NetworkField rendered(o, 2, 6);
-  EXPECT_EQ(trained.codes().out, 5);
+  EXPECT_EQ(trained.books.appearance.out, 5);
   EXPECT_EQ(trained.network_size(), rendered.weights.size());
   EXPECT_EQ(trained.parameters(), 9007493u + 4 * 128);
   trained.initialise(1);
@@ -89,14 +89,38 @@ TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
   Real largest = 0;
   for (int j = 0; j < 5; ++j)
     for (int k = 0; k < 4; ++k) {
-      const Real c =
-          trained.weights[trained.codes().offset + static_cast<size_t>(j * weight_stride(4) + k)];
+      const Real c = trained.weights[trained.books.appearance.offset +
+                                     static_cast<size_t>(j * weight_stride(4) + k)];
       square += static_cast<double>(c * c);
       largest = std::max(largest, std::fabs(c));
     }
   EXPECT_LE(largest, std::sqrt(0.75_r));
   // 20 draws of variance 1/4; of their squares the standard deviation is 0.224.
   EXPECT_NEAR(square / 20, 0.25, 4 * 0.224 / std::sqrt(20.0));
+}
+
+// NeRF-W's: of variance 1, those of what is transient behind the others; the head of what is
+// transient is the last network's alone.
+TEST(NetworkField, PhotosHaveCodesOfWhatIsTransient) {
+  const NetworkOptions o = test::nerfw_options();
+  NetworkField field(o, 2, 6, {"a", "b", "c"});
+  EXPECT_EQ(field.networks[0].transient_codes.offset, field.books.transient.offset);
+  EXPECT_EQ(field.networks[1].codes.offset, field.books.appearance.offset);
+  EXPECT_EQ(field.books.transient.in, 16);
+  EXPECT_TRUE(field.networks[0].transient.empty());
+  ASSERT_EQ(field.networks[1].transient.size(), 5u);
+  const size_t head = (512u + 16 + 1) * 128 + 3u * 129 * 128 + 129u * 5;
+  EXPECT_EQ(field.networks[1].parameters(), field.networks[0].parameters() + head);
+  field.initialise(1);
+  for (const LinearWeights* table : {&field.books.appearance, &field.books.transient}) {
+    double square = 0;
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < table->in; ++k)
+        square += std::pow(
+            static_cast<double>(field.weights[gradient_check::Problem::index(*table, j, k)]), 2);
+    const double n = 3 * table->in;
+    EXPECT_NEAR(square / n, 1, 4 * 0.894 / std::sqrt(n)) << table->in;
+  }
 }
 
 TEST(NetworkField, ImpossibleCombinationsAreErrors) {
@@ -128,6 +152,11 @@ TEST(NetworkField, ImpossibleCombinationsAreErrors) {
               o.view_dependence = false;
             }).find("view direction"),
             std::string::npos);
+  EXPECT_NE(refused([](NetworkOptions& o) {
+              o.transient_code = 4;
+              o.view_dependence = false;
+            }).find("transient"),
+            std::string::npos);
 }
 
 // The whole network with its rendering and its loss, against the scalar templates.
@@ -137,7 +166,7 @@ TEST(NetworkField, GradientOfTheWholeModel) {
       NetworkOptions o = small_network(full);
       o.view_dependence = view_dependence;
       if (view_dependence && o.opaque_end) o.image_code = 3;
-      const NetworkField field(o, 2, 6, /*photos=*/2);
+      const NetworkField field(o, 2, 6, {"a", "b"});
       NetworkTape t(o, field.networks.back(), 32, 4, NetworkTape::Purpose::kTrain, {});
       TapeUnderTest test{&t.tape, {}, {}, {}, {}, 900};
       const auto input = [&](Value value, TestInput spec) {
