@@ -19,6 +19,7 @@
 #include "nerf/train/light_probe.h"
 #include "nerf/train/run.h"
 #include "options_cli.h"
+#include "render_plan.h"
 #include "run_folder.h"
 #include "train_options.h"
 
@@ -316,6 +317,7 @@ class Training {
       for (const ScaleScore& s : summary_.evaluation.scales)
         log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,
                              s.psnr, s.ssim, s.counted));
+    write_left_out();
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
     if (summary_.evaluation.aligned)
@@ -326,6 +328,18 @@ class Training {
     if (refines()) write_cameras(folder_.refined(), trainer_.snapshot().info(), scene_);
     log_info(fmt::format("written to  {}", folder_.path().string()));
     return kExitOk;
+  }
+
+  // Pictures of what was taken for passing by, for a person to look at.
+  void write_left_out() const {
+    const auto left_out = trainer_.left_out();
+    const auto folder = folder_.path() / "left_out";
+    for (const Trainer::LeftOut& photo : left_out) {
+      const auto file = folder / picture_file(photo.name);
+      make_writable_folder(file.parent_path());
+      write_image(file, photo.picture);
+    }
+    if (!left_out.empty()) log_info(fmt::format("left out    {} (black)", folder.string()));
   }
 
   const TrainCommand& command_;

@@ -78,7 +78,9 @@ void read_weights(const ContainerReader& file, std::span<Real> weights, size_t n
 }
 
 Json codes_to_json(const CodeShape& shape) {
-  return {{"appearance", shape.appearance}, {"colours", shape.colours}, {"photos", shape.photos}};
+  Json out{{"appearance", shape.appearance}, {"colours", shape.colours}, {"photos", shape.photos}};
+  if (shape.transient > 0) out["transient"] = shape.transient;
+  return out;
 }
 
 // Files without codes do not name any. Allocates no more than the file has shown to hold.
@@ -89,6 +91,7 @@ CodeShape codes_from(const ContainerReader& file, const JsonFields& header) {
   shape.appearance = static_cast<int>(f.integer("appearance", 0, 256));
   shape.colours = f.boolean("colours");
   shape.photos = f.texts("photos");
+  if (f.has("transient")) shape.transient = static_cast<int>(f.integer("transient", 0, 256));
   if (file.decoded_bytes("codes") != CodeBooks(shape, 0).size() * sizeof(float))
     throw Error("is a damaged model file: its codes do not have the size that its photos ask for",
                 file.where());
@@ -111,6 +114,8 @@ RadianceField read_network(const ContainerReader& file, const JsonFields& header
   const CodeShape codes = codes_from(file, header);
   if (!codes.photos.empty() && codes.appearance != options.image_code)
     header.fail("does not fit the codes' size", "options.image_code");
+  if (!codes.photos.empty() && codes.transient != options.transient_code)
+    header.fail("does not fit the codes' size", "options.transient_code");
   auto field = std::make_shared<NetworkField>(options, near, far, codes.photos);
   if (options.space == Space::kNdc) field->ndc = ndc_from(header.object("ndc"));
   read_weights(file, field->weights.span(), field->network_size());

@@ -30,14 +30,8 @@ class Placement {
   size_t at_;
 };
 
-// Whether the input is concatenated behind layer i: every skip-th, but not behind the last, where
-// nothing would read it.
-bool skip_behind(int i, int skip, int depth) {
-  return skip > 0 && i > 0 && i % skip == 0 && i + 1 < depth;
-}
-
 RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, bool colour,
-                              size_t begin) {
+                              bool transient, size_t begin) {
   RadianceNetwork n;
   Placement place(begin);
   n.begin = begin;
@@ -45,7 +39,7 @@ RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, boo
   int from = in;
   for (int i = 0; i < depth; ++i) {
     n.trunk.push_back(place.layer(from, width));
-    from = width + (skip_behind(i, o.skip, depth) ? in : 0);
+    from = width + (input_behind(o, i, depth) ? in : 0);
   }
   n.density = place.layer(width, 1);
   n.has_colour = colour;
@@ -56,6 +50,12 @@ RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, boo
   } else if (colour) {
     n.colour = place.layer(width, 3);
   }
+  if (transient) {
+    int inputs = o.bottleneck + o.transient_code;
+    for (int i = 0; i < o.transient_depth; ++i, inputs = o.transient_width)
+      n.transient.push_back(place.layer(inputs, o.transient_width));
+    n.transient.push_back(place.layer(inputs, kTransientRows));
+  }
   n.end = place.at();
   return n;
 }
@@ -65,6 +65,7 @@ void each_layer(Network& n, const F& f) {
   for (auto& w : n.trunk) f(w);
   for (auto* w : {&n.density, &n.bottleneck, &n.view, &n.colour})
     if (w->out > 0) f(*w);
+  for (auto& w : n.transient) f(w);
 }
 
 void uniform_weights(const LinearWeights& w, Initialisation kind, Random random, Real* weights) {
@@ -74,6 +75,17 @@ void uniform_weights(const LinearWeights& w, Initialisation kind, Random random,
     for (int k = 0; k < w.in; ++k)
       weights[w.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(w.in)) +
               static_cast<size_t>(k)] = bound * (2 * random.uniform() - 1);
+}
+
+// Even, of variance 1 / numbers, as mip-NeRF 360's embeddings begin (flax.linen.Embed), or with the
+// spread that is asked for.
+void first_codes(const LinearWeights& w, const NetworkOptions& o, Random random, Real* weights) {
+  const Real variance =
+      o.code_spread > 0 ? o.code_spread * o.code_spread : 1 / static_cast<Real>(std::max(w.in, 1));
+  for (int j = 0; j < w.out; ++j)
+    for (int k = 0; k < w.in; ++k)
+      weights[w.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(w.in)) +
+              static_cast<size_t>(k)] = std::sqrt(3 * variance) * (2 * random.uniform() - 1);
 }
 
 std::vector<Vec3> halved_icosahedron() {
@@ -134,6 +146,10 @@ size_t RadianceNetwork::parameters() const {
   return sum;
 }
 
+bool input_behind(const NetworkOptions& o, int layer, int depth) {
+  return o.skip > 0 && layer > 0 && layer % o.skip == 0 && layer + 1 < depth;
+}
+
 void NetworkOptions::check_options() const {
   if (integrated() && position_degrees == 0)
     throw Error("an integrated encoding needs at least one frequency", "--network-position-degrees",
@@ -150,6 +166,9 @@ void NetworkOptions::check_options() const {
   if (image_code > 0 && !view_dependence)
     throw Error("photos' codes join the view direction, which colours do not depend on",
                 "--network-image-code", "leave it out, or give --network-view-dependence");
+  if (transient_code > 0 && !view_dependence)
+    throw Error("what is transient is found from the features that the view direction joins",
+                "--network-transient-code", "leave it out, or give --network-view-dependence");
   if (!proposal_colour && shared && sampling.rounds > 0)
     throw Error("a network that all levels share has colours at every level", "--network-shared",
                 "leave it out, or give --network-proposal-colour");
@@ -159,12 +178,18 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos)
   std::vector<RadianceNetwork> networks;
   size_t at = 0;
   if (o.sampling.rounds > 0 && !o.shared) {
-    networks.push_back(place_network(o, o.proposal_depth, o.proposal_width, o.proposal_colour, at));
+    networks.push_back(
+        place_network(o, o.proposal_depth, o.proposal_width, o.proposal_colour, false, at));
     at = networks.back().end;
   }
-  networks.push_back(place_network(o, o.depth, o.width, /*colour=*/true, at));
+  networks.push_back(place_network(o, o.depth, o.width, /*colour=*/true, o.transient_code > 0, at));
   const LinearWeights codes{networks.back().end, o.image_code, o.image_code > 0 ? photos : 0};
-  for (RadianceNetwork& n : networks) n.codes = codes;
+  const LinearWeights transient_codes{codes.offset + codes.size(), o.transient_code,
+                                      o.transient_code > 0 ? photos : 0};
+  for (RadianceNetwork& n : networks) {
+    n.codes = codes;
+    n.transient_codes = transient_codes;
+  }
   std::vector<LinearWeights*> layers;
   for (RadianceNetwork& n : networks)
     each_layer(n, [&](LinearWeights& w) { layers.push_back(&w); });
@@ -173,7 +198,7 @@ std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos)
 }
 
 CodeShape code_shape(const NetworkOptions& o, std::vector<std::string> photos) {
-  return {o.image_code, false, std::move(photos)};
+  return {o.image_code, false, std::move(photos), o.transient_code};
 }
 
 NetworkField::NetworkField(const NetworkOptions& o, double n, double f,
@@ -205,86 +230,8 @@ void NetworkField::initialise(uint64_t seed) {
     each_layer(n, [&](const LinearWeights& w) {
       uniform_weights(w, options.initialisation, Random(seed, kStream, layer++), weights.data());
     });
-  // Of variance 1 / image_code, as the authors' embeddings begin (flax.linen.Embed).
-  const LinearWeights& c = books.appearance;
-  Random random(seed, kStream, layer++);
-  for (int j = 0; j < c.out; ++j)
-    for (int k = 0; k < c.in; ++k)
-      weights[c.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(c.in)) +
-              static_cast<size_t>(k)] =
-          std::sqrt(3.0_r / static_cast<Real>(c.in)) * (2 * random.uniform() - 1);
-}
-
-NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int samples, int rays,
-                         Purpose purpose, const Losses& losses)
-    : tape(samples, rays) {
-  const bool points = purpose == Purpose::kPoints, sloped = purpose == Purpose::kGradient;
-  position = tape.input(position_rows(o), Domain::kSamples, /*gradient=*/sloped);
-  if (o.integrated()) variance = tape.input(position_rows(o), Domain::kSamples);
-  directions = tape.input(3, Domain::kRays);
-  delta = tape.input(1, Domain::kSamples);
-  background = tape.input(3, Domain::kRays);
-
-  const std::vector<Real> open(static_cast<size_t>(o.position_degrees), 1.0_r);
-  const Value encoded = o.integrated()
-                            ? integrated_encoding(tape, position, variance, o.position_degrees)
-                            : frequency_encoding(tape, position, open, /*identity=*/true);
-  Value h = encoded;
-  const int depth = static_cast<int>(n.trunk.size());
-  for (int i = 0; i < depth; ++i) {
-    h = linear(tape, h, n.trunk[static_cast<size_t>(i)], LinearActivation::kRelu);
-    if (skip_behind(i, o.skip, depth)) h = concat(tape, encoded, h);
-  }
-  Value raw = linear(tape, h, n.density, LinearActivation::kNone);
-  if (losses.density_noise) {
-    noise = tape.input(1, Domain::kSamples);
-    raw = add(tape, raw, noise);
-  }
-  if (o.density == DensityActivation::kSoftplus)
-    density = softplus(tape, raw, o.density_bias);
-  else
-    density = relu(tape, o.density_bias == 0 ? raw : scale_shift(tape, raw, 1, o.density_bias));
-  if (sloped) {
-    density_gradient = tape.input(1, Domain::kSamples);
-    add_gradient(tape, density, density_gradient);
-  } else if (!points) {
-    weights = render_weights(tape, density, delta, o.opaque_end);
-  }
-  weight_operations_ = tape.operations();
-
-  if (n.has_colour &&
-      (purpose == Purpose::kRender || points || (purpose == Purpose::kTrain && losses.colour))) {
-    Value seen = h;
-    if (o.view_dependence) {
-      const std::vector<Real> all(static_cast<size_t>(o.direction_degrees), 1.0_r);
-      const Value view = frequency_encoding(tape, directions, all, /*identity=*/true);
-      seen = linear(tape, h, n.bottleneck, LinearActivation::kNone);
-      seen = concat(tape, seen, repeat_for_samples(tape, view));
-      if (o.image_code > 0) {
-        Value numbers;
-        if (purpose == Purpose::kTrain) {
-          photo = tape.input(1, Domain::kRays);
-          numbers = table_rows(tape, photo, n.codes);
-        } else {
-          numbers = code = tape.input(o.image_code, Domain::kRays);
-        }
-        seen = concat(tape, seen, repeat_for_samples(tape, numbers));
-      }
-      seen = linear(tape, seen, n.view, LinearActivation::kRelu);
-    }
-    colour = sigmoid(tape, linear(tape, seen, n.colour, LinearActivation::kNone));
-    if (o.colour_padding > 0)
-      colour = scale_shift(tape, colour, 1 + 2 * o.colour_padding, -o.colour_padding);
-    if (!points) pixel = accumulate(tape, weights, colour, background);
-  }
-  if (purpose == Purpose::kTrain) {
-    if (pixel >= 0) pixel_loss = record_pixel_loss(tape, pixel, losses.pixel);
-    if (losses.on_weights) {
-      weight_gradient = tape.input(1, Domain::kSamples);
-      add_gradient(tape, weights, weight_gradient);
-    }
-  }
-  tape.plan();
+  for (const LinearWeights* table : {&books.appearance, &books.transient})
+    first_codes(*table, options, Random(seed, kStream, layer++), weights.data());
 }
 
 }  // namespace nerf

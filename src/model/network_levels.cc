@@ -17,10 +17,14 @@ NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool last, bool
   out.pixel = losses.pixel;
   out.on_weights = last ? losses.distortion > 0 : losses.interlevel > 0;
   out.density_noise = training && losses.density_noise > 0;
+  out.transient = last;
+  out.least_deviation = losses.least_deviation;
+  out.transient_density = losses.transient_density;
   return out;
 }
 
 bool can_skip_level(const NetworkOptions& options, const NetworkLosses& losses, bool last) {
+  if (last && options.transient_code > 0) return false;  // what is seen there may be transient
   if (options.density == DensityActivation::kRelu) return true;
   return losses.negligible > 0 && (last || losses.interlevel == 0);
 }
@@ -96,6 +100,7 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
     const size_t posts = static_cast<size_t>(sampler_.posts(at));
     for (size_t r = 0; r < rays.size(); ++r) {
       Random* random = training_ ? &rays[r].random : nullptr;
+      aim(rays[r]);
       const std::span<Real> out(level.posts.data() + r * posts, posts);
       if (l == 0)
         sampler_.first(random, out);
@@ -128,10 +133,18 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
   }
 }
 
+void NetworkLevels::aim(const NetworkRay& ray) {
+  if (ray.far > 0)
+    sampler_.set_range(ray.near, ray.far);
+  else
+    sampler_.set_range(static_cast<Real>(field_.near), static_cast<Real>(field_.far));
+}
+
 // In normalised distance. Positions have no posts: their bins begin at them, as their lengths do,
 // and the last ends at 1.
-void NetworkLevels::normalised_edges(int level, int ray, std::vector<Real>& edges) const {
+void NetworkLevels::normalised_edges(int level, int ray, std::vector<Real>& edges) {
   edges.clear();
+  aim(rays_[static_cast<size_t>(ray)]);
   for (const Real entry : posts(level, ray)) edges.push_back(sampler_.normalised(entry));
   if (!sampler_.intervals()) edges.push_back(1);
 }

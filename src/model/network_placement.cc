@@ -5,7 +5,6 @@
 
 #include "model/baked_occupancy.h"
 #include "model/sample_gaussian.h"
-#include "nerf/kernels/elementwise.h"
 #include "nerf/math/contraction.h"
 #include "nerf/model/network_levels.h"
 
@@ -22,16 +21,17 @@ Real normal(Random& random) {
 }  // namespace
 
 template <class Body>
-void NetworkLevels::each_sample(const Level& level, int samples, const Body& body) const {
+void NetworkLevels::each_sample(const Level& level, int samples, const Body& body) {
   const bool intervals = sampler_.intervals();
   const size_t posts = static_cast<size_t>(samples) + (intervals ? 1 : 0);
   for (size_t r = 0; r < rays_.size(); ++r) {
+    aim(rays_[r]);
     const Real* entry = level.posts.data() + r * posts;
     Real t0 = sampler_.distance(entry[0]);
     for (int i = 0; i < samples; ++i) {
       const bool endless = !intervals && i + 1 == samples;
       const Real next = endless ? t0 : sampler_.distance_after(t0, entry[i + 1]);
-      const Real delta = endless ? kLongestInterval : (next - t0) * rays_[r].length;
+      const Real delta = endless ? field_.options.last_interval : (next - t0) * rays_[r].length;
       const int ray = static_cast<int>(r);
       body(Sample{ray, ray * samples + i, t0, intervals ? next : t0, delta});
       t0 = next;

@@ -30,10 +30,13 @@ CodeBooks::CodeBooks(const CodeShape& shape, size_t begin) {
   const int n = static_cast<int>(photos.size());
   appearance = {begin, shape.appearance, shape.appearance > 0 ? n : 0};
   colours = {begin + appearance.size(), kColourChange, shape.colours ? n : 0};
+  transient = {begin + appearance.size() + colours.size(), shape.transient,
+               shape.transient > 0 ? n : 0};
 }
 
 CodeShape CodeBooks::shape() const {
-  return {appearance.out > 0 ? appearance.in : 0, colours.out > 0, photos};
+  return {appearance.out > 0 ? appearance.in : 0, colours.out > 0, photos,
+          transient.out > 0 ? transient.in : 0};
 }
 
 std::array<Real, 3> Appearance::changed(const Real rgb[3], Real opacity,

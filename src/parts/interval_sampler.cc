@@ -19,9 +19,15 @@ constexpr Real kDilationBias = 0.0025_r, kDilationFactor = 0.5_r;
 }  // namespace
 
 IntervalSampler::IntervalSampler(const IntervalOptions& options, double near, double far)
-    : options_(options), near_(static_cast<Real>(near)), far_(static_cast<Real>(far)) {
+    : options_(options) {
+  set_range(static_cast<Real>(near), static_cast<Real>(far));
+}
+
+void IntervalSampler::set_range(Real near, Real far) {
+  near_ = near;
+  far_ = far;
   NERF_CHECK(near_ < far_);
-  NERF_CHECK(options.spacing == Spacing::kUniform || near_ > 0);
+  NERF_CHECK(options_.spacing == Spacing::kUniform || near_ > 0);
 }
 
 int IntervalOptions::samples(int level) const {

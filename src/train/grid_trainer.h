@@ -66,6 +66,7 @@ struct GridTrainer final : TrainerImpl {
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
   const CameraRefinement* refined_cameras() const override { return cameras.get(); }
+  const RobustMask* robust_mask() const override { return robust.get(); }
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
   void load_state(const internal::ContainerReader& file,
                   const internal::JsonFields& scalars) override;

@@ -64,12 +64,21 @@ void unused_by_grid(const TrainOptions& options, const Names& given, const Scene
     out.emplace_back("--far is not used: the scene ends with its box (--bbox)");
 }
 
-void unused_by_networks(const TrainOptions& options, const Names& given, const Scene&,
+void unused_by_networks(const TrainOptions& options, const Names& given, const Scene& scene,
                         std::vector<std::string>& out) {
   if (options.network.sampling.resampling != Resampling::kProposal &&
       (given.contains("recipe.anneal") || given.contains("recipe.anneal_steps")))
     out.emplace_back(
         "--recipe-anneal and --recipe-anneal-steps are not used: only proposals are annealed");
+  if (options.network.transient_code == 0 &&
+      (given.contains("recipe.transient_density") || given.contains("recipe.least_deviation")))
+    out.emplace_back(
+        "--recipe-transient-density and --recipe-least-deviation are not used: nothing is "
+        "transient (--network-transient-code)");
+  if (given.contains("network.last_interval") && options.network.sampling.intervals())
+    out.emplace_back("--network-last-interval is not used: samples are intervals");
+  if (given.contains("recipe.photo_range") && scene.observations.empty())
+    out.emplace_back("--recipe-photo-range is not used: no photo is known to see a sparse point");
   if (options.network.space != Space::kNdc) return;
   if (given.contains("recipe.near") || given.contains("recipe.far"))
     out.emplace_back(
@@ -120,8 +129,14 @@ MethodLine grid_line(const MethodRow& row) {
           row.source};
 }
 
-std::string losses_text(const NetworkRecipe& r) {
-  std::string out = r.charbonnier > 0 ? fmt::format("Charbonnier {}", r.charbonnier) : "squared";
+std::string losses_text(const TrainOptions& o) {
+  const NetworkRecipe& r = o.recipe;
+  const bool transient = o.network.transient_code > 0;
+  std::string out = transient           ? fmt::format("uncertain {}", r.least_deviation)
+                    : r.charbonnier > 0 ? fmt::format("Charbonnier {}", r.charbonnier)
+                                        : "squared";
+  if (transient && r.transient_density > 0)
+    out += fmt::format(", transient density {}", r.transient_density);
   if (r.coarse > 0) out += fmt::format(", {} of coarse levels", r.coarse);
   if (r.interlevel > 0) out += fmt::format(", interlevel {}", r.interlevel);
   if (r.distortion > 0) out += fmt::format(", distortion {}", r.distortion);
@@ -146,7 +161,7 @@ MethodLine network_line(const MethodRow& row) {
           networks,
           name_of(n.density),
           n.opaque_end ? "opaque end" : "background",
-          losses_text(o.recipe),
+          losses_text(o),
           row.source};
 }
 

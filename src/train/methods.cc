@@ -87,6 +87,26 @@ void mipnerf360_paper(TrainOptions& o) {
   o.recipe.anneal = true;
 }
 
+// The publication as far as it says, else kwea123/nerf_pl, branch nerfw (docs/methods.md).
+void nerfw_paper(TrainOptions& o) {
+  nerf_paper(o);
+  NetworkOptions& n = o.network;
+  n.position_degrees = 15;
+  n.sampling.coarse = n.sampling.fine = 512;
+  n.width = n.bottleneck = n.proposal_width = 512;
+  n.density = DensityActivation::kSoftplus;
+  n.last_interval = 100;
+  n.image_code = 48;
+  n.code_spread = 1;
+  n.transient_code = 16;
+  o.steps = 300000;
+  o.recipe.rays = 2048;
+  o.recipe.one_photo = false;
+  o.recipe.crop_steps = 0;
+  o.recipe.coarse = 0.5_r;
+  o.recipe.photo_range = true;
+}
+
 using internal::kGridFamily;
 using internal::kNetworkFamily;
 constexpr MethodRow kRows[] = {
@@ -94,14 +114,17 @@ constexpr MethodRow kRows[] = {
     {"nerf", "Mildenhall et al. 2020", &kNetworkFamily, nerf_paper},
     {"mipnerf", "Barron et al. 2021", &kNetworkFamily, mipnerf_paper},
     {"mipnerf360", "Barron et al. 2022", &kNetworkFamily, mipnerf360_paper},
+    {"nerfw", "Martin-Brualla et al. 2021", &kNetworkFamily, nerfw_paper},
 };
 
 // What a smaller preset changes: widths, samples and rays, so that a step takes a fraction of a
 // second, and a rate and a schedule for thousands of steps instead of hundreds of thousands.
-void shrink(TrainOptions& o, int width, int divide_samples, int rays) {
+void shrink(TrainOptions& o, int width, int rays) {
   NetworkOptions& n = o.network;
+  const int divide_samples = n.sampling.coarse > 128 ? 16 : 2;
   n.width = n.bottleneck = width;
-  n.view_width = width / 2;
+  n.view_width = n.transient_width = width / 2;
+  n.transient_depth = 2;
   n.proposal_width = n.proposal_colour ? width : width / 2;
   if (!n.shared && n.proposal_colour) n.proposal_depth = n.depth;
   n.sampling.coarse /= divide_samples;
@@ -143,9 +166,9 @@ TrainOptions internal::options_of(const MethodRow& row, Scale scale) {
   row.paper(o);
   if (row.family->one_preset) return o;
   // Narrow networks take so many more steps in the same time that they win (docs/benchmarks.md).
-  if (scale == Scale::kSmall) shrink(o, 96, 2, 256);
+  if (scale == Scale::kSmall) shrink(o, 96, 256);
   if (scale == Scale::kTiny) {
-    shrink(o, 64, 2, 256);
+    shrink(o, 64, 256);
     o.network.depth = o.network.proposal_depth = 4;
   }
   return o;

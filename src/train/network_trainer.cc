@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "nerf/base/error.h"
 #include "nerf/kernels/adam.h"
 #include "nerf/math/step_function.h"
 #include "nerf/train/evaluation.h"
@@ -20,9 +21,11 @@ int network_accumulators(size_t weights) {
 }
 
 NetworkLosses losses_of(const NetworkRecipe& r) {
-  return {r.coarse,        r.interlevel,
-          r.distortion,    r.charbonnier > 0 ? PixelLoss::charbonnier(r.charbonnier) : PixelLoss(),
-          r.density_noise, r.negligible};
+  return {
+      r.coarse,          r.interlevel,
+      r.distortion,      r.charbonnier > 0 ? PixelLoss::charbonnier(r.charbonnier) : PixelLoss(),
+      r.density_noise,   r.negligible,
+      r.least_deviation, r.transient_density};
 }
 
 namespace {
@@ -32,27 +35,6 @@ NetworkOptions network_of(const Scene& scene, const TrainOptions& o) {
   NetworkOptions network = o.network;
   network.opaque_end = network.opaque_end && !scene.alpha;
   return network;
-}
-
-// Through the cube of normalised device coordinates t runs from 0 to 1.
-double first_distance(const Scene& scene, const TrainOptions& o) {
-  if (o.network.space == Space::kNdc) return 0;
-  if (o.recipe.near > 0) return o.recipe.near;
-  return scene.published_near > 0 ? scene.published_near : scene.near;
-}
-double last_distance(const Scene& scene, const TrainOptions& o) {
-  if (o.network.space == Space::kNdc) return 1;
-  if (o.recipe.far > 0) return o.recipe.far;
-  return scene.published_far > 0 ? scene.published_far : scene.far;
-}
-
-void check_range(const Scene& scene, const TrainOptions& o) {
-  const double near = first_distance(scene, o), far = last_distance(scene, o);
-  if (static_cast<Real>(near) < static_cast<Real>(far)) return;
-  throw Error(
-      fmt::format("samples would begin at {:.4g} and end at {:.4g} engine units", near, far),
-      "--recipe-near, --recipe-far",
-      "give a near distance below the far one; without them they come from the capture");
 }
 
 // The mean camera of the training views, as NeRF's load_llff.py averages them.
@@ -111,11 +93,12 @@ uint64_t NetworkTrainer::memory_bytes(const TrainOptions& o, bool /*unbounded*/,
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
     : TrainerImpl(s, p, o, t, {Rise::kQuarterSine, Fall::kExponential, o.recipe.warmup_rate}),
-      field(network_of(s, o), first_distance(s, o), last_distance(s, o), source.files()),
+      ranges(ranges_of_views(s, o)),
+      field(network_of(s, o), range_of_field(s, o, ranges).near, range_of_field(s, o, ranges).far,
+            source.files()),
       rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field.options), o.recipe.rays)),
       rays(static_cast<size_t>(o.recipe.rays)),
       drawn(rays.size()) {
-  check_range(s, o);
   std::vector<ParameterSection> sections;
   if (field.weights.size() > field.network_size())
     sections.push_back({"the photos' codes", field.network_size(), field.weights.size()});
@@ -142,6 +125,12 @@ NetworkTrainer::Workers NetworkTrainer::make_workers(const NetworkLosses& losses
   return made;
 }
 
+void NetworkTrainer::check_open() const {
+  if (options.network.transient_code > 0)
+    throw Error("a step whose pixels show transient matter has no loss but its own",
+                "Trainer::begin_step", "train with --network-transient-code 0, or call step()");
+}
+
 std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay& out) const {
   const NetworkRecipe& recipe = options.recipe;
   const auto sampled = [&](const Ray& ray) {
@@ -166,6 +155,11 @@ std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay
   ray.background = scene.alpha ? background_of(options, scene) : Vec3{0, 0, 0};
   const auto cast = sampled(ray);
   out.scale = pixel.weight;
+  if (!ranges.empty()) {
+    const SampleRange& own = ranges[static_cast<size_t>(scene.train[pixel.source])];
+    out.near = static_cast<Real>(own.near);
+    out.far = static_cast<Real>(own.far);
+  }
   for (int k = 0; k < 3; ++k)
     out.target[k] = pixel.rgb[k] * pixel.alpha + ray.background[k] * (1 - pixel.alpha);
   return cast;

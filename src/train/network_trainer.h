@@ -8,6 +8,7 @@
 #include "nerf/base/aligned.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/network_levels.h"
+#include "train/sample_range.h"
 #include "train/trainer_impl.h"
 
 namespace nerf {
@@ -24,6 +25,7 @@ struct NetworkTrainer final : TrainerImpl {
   // An estimate from above, with what a checkpoint that is read and a model that is saved take.
   static uint64_t memory_bytes(const TrainOptions& options, bool unbounded, int threads);
 
+  void check_open() const override;
   void draw() override;
   HeadSums head(StepReport& report) override;
   void render() override;
@@ -43,6 +45,7 @@ struct NetworkTrainer final : TrainerImpl {
   std::optional<Ray> draw_ray(size_t i, Random& random, NetworkRay& out) const;
   void set_gradient(size_t first_ray, size_t count, NetworkLevels& levels) const;
 
+  std::vector<SampleRange> ranges;  // of each view's rays; empty: the field's
   NetworkField field;
   int rays_per_chunk;
   Workers workers, given_workers;  // of the method's loss, and of the caller's

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "model/coded_rays.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/field.h"
 #include "nerf/model/integrator.h"
@@ -81,7 +82,7 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
                           const Pose& camera_to_world, const Photo& photo,
                           const RenderOptions& options, ThreadPool& pool, const Cancel* cancel) {
   const CodeBooks& books = field.field().codes();
-  if (books.empty()) return {};
+  if (books.appearance.out == 0 && books.colours.out == 0) return {};
   std::vector<Appearance> learnt;
   for (int p = 0; p < books.rows(); ++p)
     learnt.push_back(appearance_of(books, field.field().all_weights(), p));
@@ -94,10 +95,9 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
   }
 
   const Pixels pixels = left_half(field, camera, camera_to_world, photo, options);
-  RenderOptions own = options;
-  own.appearance = {};
-  RayResults rendered;
-  std::vector<Real> code_of_rendered;
+  const auto rays = internal::coded_rays(field, pixels.rays, options, pool, cancel);
+  std::vector<Real> rendered, code_of_rendered, opacity(pixels.rays.size(), 1.0_r);
+  if (changes > 0) opacity = integrate(field, pixels.rays, {}, options, pool, {}, cancel).opacity;
   // x: deviations from the mean, in units of the spread.
   const auto appearance_at = [&](std::span<const double> x) {
     Appearance a;
@@ -109,14 +109,13 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
   const auto residuals = [&](std::span<const double> x, std::vector<double>& r) {
     if (cancel && cancel->requested()) throw Cancelled();
     const Appearance a = appearance_at(x);
-    if (rendered.rgb.empty() || a.code != code_of_rendered) {
-      own.appearance.code = code_of_rendered = a.code;
-      rendered = integrate(field, pixels.rays, {}, own, pool);
+    if (rendered.empty() || a.code != code_of_rendered) {
+      code_of_rendered = a.code;
+      rendered = rays->pixels(a.code);
     }
     r.clear();
     for (size_t i = 0; i < pixels.rays.size(); ++i) {
-      const auto rgb =
-          a.changed(rendered.rgb.data() + 3 * i, rendered.opacity[i], pixels.rays[i].background);
+      const auto rgb = a.changed(rendered.data() + 3 * i, opacity[i], pixels.rays[i].background);
       for (size_t k = 0; k < 3; ++k)
         r.push_back(robust(static_cast<double>(rgb[k] - pixels.rgb[3 * i + k])));
     }

@@ -91,14 +91,6 @@ void RobustMask::find_photos() {
   }
 }
 
-RobustMask::Picture RobustMask::picture(size_t source) const {
-  const Tiles& t = tiles_[source];
-  Picture out{t.width, t.height, {}};
-  for (int32_t i = 0; i < t.width * t.height; ++i)
-    out.pixels.push_back(trusted_[source] && is_out(t.first + i) ? 0 : 255);
-  return out;
-}
-
 double RobustMask::share_left_out() const {
   int64_t out = 0;
   for (size_t i = 0; i < outliers_.size(); ++i)

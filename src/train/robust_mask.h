@@ -33,12 +33,10 @@ class RobustMask {
   bool leaves_out(int32_t tile, Real error, int64_t step, Real chance) const;
   // Takes in the error of every ray of a step's chunks, [chunk][kChunkRays], in their order.
   void observe(const RayBatch& batch, std::span<const Real> errors, double progress);
-  // 0 where a tile is left out, 255 elsewhere: [height][width] of the i-th training photo's tiles.
-  struct Picture {
-    int width = 0, height = 0;
-    std::vector<uint8_t> pixels;
-  };
-  Picture picture(size_t source) const;
+  // Whether the tile of pixel (x, y) of the i-th training photo is.
+  bool is_left_out(size_t source, int x, int y) const {
+    return trusted_[source] && is_out(tile_of(source, x, y));
+  }
   double share_left_out() const;  // of all tiles
 
   // Between steps, for a checkpoint.

@@ -22,6 +22,7 @@ StepReport TrainerImpl::step() {
 
 const RayPixels& TrainerImpl::begin_step(std::span<const Ray> rays) {
   NERF_CHECK(!open);
+  check_open();
   if (static_cast<int64_t>(rays.size()) > most_rays())
     throw Error(fmt::format("a step takes at most {} given rays, not {}", most_rays(), rays.size()),
                 "Trainer::begin_step", "give fewer, or raise --batch-samples");

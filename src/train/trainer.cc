@@ -93,6 +93,21 @@ void Trainer::set_planned_steps(int64_t steps) {
   o.steps = steps;
 }
 
+std::vector<Trainer::LeftOut> Trainer::left_out() const {
+  std::vector<LeftOut> out;
+  const RobustMask* mask = impl_->robust_mask();
+  for (size_t i = 0; mask && i < impl_->scene.train.size(); ++i) {
+    const size_t v = static_cast<size_t>(impl_->scene.train[i]);
+    const Photo& photo = impl_->photos.photos[v];
+    Image8 picture{photo.width, photo.height, 1, {}};
+    for (int y = 0; y < photo.height; ++y)
+      for (int x = 0; x < photo.width; ++x)
+        picture.pixels.push_back(mask->is_left_out(i, x, y) ? 0 : 255);
+    out.push_back({impl_->scene.views[v].name, std::move(picture)});
+  }
+  return out;
+}
+
 RadianceField Trainer::snapshot() const {
   ModelInfo info;
   info.method = impl_->options.method;

@@ -32,6 +32,9 @@ struct TrainerImpl {
   const RayPixels& begin_step(std::span<const Ray> rays);
   StepReport finish_step(std::span<const Real> gradient, double loss);
 
+  // Throws Error where the method's steps cannot be opened.
+  virtual void check_open() const {}
+
   // The phases of a step, in their order. A method leaves out what it does not need.
   //
   // Draws rays and, where samples do not depend on the networks, places them.
@@ -74,6 +77,7 @@ struct TrainerImpl {
   virtual void begin_anew() = 0;
   virtual RadianceField snapshot(ModelInfo info) const = 0;
   virtual const CameraRefinement* refined_cameras() const { return nullptr; }
+  virtual const RobustMask* robust_mask() const { return nullptr; }
   // Everything that a step reads and the step before wrote, besides the members of this class.
   virtual void save_state(internal::ContainerWriter& file,
                           nlohmann::ordered_json& scalars) const = 0;

@@ -63,6 +63,9 @@ inline Magnitude log1p(Magnitude x) {
   const double d = 1 / (1 + x.value);
   return through(x, std::log1p(x.value), d, -d * d);
 }
+inline Magnitude log(Magnitude x) {
+  return through(x, std::log(x.value), 1 / x.value, -1 / (x.value * x.value));
+}
 inline Magnitude sqrt(Magnitude x) {
   const double r = std::sqrt(x.value);
   return through(x, r, 0.5 / r, -0.25 / (r * x.value));

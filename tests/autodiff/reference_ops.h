@@ -13,6 +13,7 @@
 #include "nerf/math/reference/linear.h"
 #include "nerf/math/reference/pixel_losses.h"
 #include "nerf/math/reference/spherical_harmonics.h"
+#include "nerf/math/reference/transient.h"
 #include "nerf/math/reference/values.h"
 #include "nerf/math/reference/volume_rendering.h"
 
@@ -301,6 +302,44 @@ Columns<T> over(const Columns<T>& colour, const Columns<T>& opacity, const Colum
         reference::over(colour_of(colour[r]), opacity[r][0], colour_of(background[r]));
     out.emplace_back(pixel.begin(), pixel.end());
   }
+  return out;
+}
+
+// Values in the order of TransientMatter.
+template <class T>
+Columns<T> composite_transient(const std::array<Columns<T>, 5>& m, const Columns<T>& delta,
+                               const Columns<T>& background, const Rays& rays, bool opaque_end) {
+  Columns<T> out;
+  for (size_t r = 0; r + 1 < rays.size(); ++r) {
+    std::vector<reference::TransientSample<T>> samples;
+    for (size_t s = static_cast<size_t>(rays[r]); s < static_cast<size_t>(rays[r + 1]); ++s)
+      samples.push_back({m[0][s][0], colour_of(m[1][s]), m[2][s][0], colour_of(m[3][s]), m[4][s][0],
+                         delta[s][0]});
+    const auto pixel =
+        reference::composite_transient(samples, colour_of(background[r]), opaque_end);
+    out.emplace_back(pixel.begin(), pixel.end());
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> uncertain_loss(const Columns<T>& pixel, const Columns<T>& target,
+                          const Columns<T>& scale, double least) {
+  Columns<T> out;
+  for (size_t r = 0; r < pixel.size(); ++r) {
+    const auto& p = pixel[r];
+    out.push_back({reference::uncertain_loss<T>({p[0], p[1], p[2], p[3], p[4]},
+                                                colour_of(target[r]), scale[r][0], least)});
+  }
+  return out;
+}
+
+template <class T>
+Columns<T> mean_loss(const Columns<T>& x, const Columns<T>& scale, const Rays& rays,
+                     double factor) {
+  Columns<T> out;
+  for (size_t r = 0; r + 1 < rays.size(); ++r)
+    out.push_back({reference::mean_loss(of_ray(x, rays, r), scale[r][0], factor)});
   return out;
 }
 

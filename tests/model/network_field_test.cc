@@ -99,6 +99,30 @@ TEST(NetworkField, PhotosHaveCodesOfTheirOwn) {
   EXPECT_NEAR(square / 20, 0.25, 4 * 0.224 / std::sqrt(20.0));
 }
 
+// NeRF-W's: of variance 1, those of what is transient behind the others; the head of what is
+// transient is the last network's alone.
+TEST(NetworkField, PhotosHaveCodesOfWhatIsTransient) {
+  const NetworkOptions o = test::nerfw_options();
+  NetworkField field(o, 2, 6, {"a", "b", "c"});
+  EXPECT_EQ(field.networks[0].transient_codes.offset, field.books.transient.offset);
+  EXPECT_EQ(field.networks[1].codes.offset, field.books.appearance.offset);
+  EXPECT_EQ(field.books.transient.in, 16);
+  EXPECT_TRUE(field.networks[0].transient.empty());
+  ASSERT_EQ(field.networks[1].transient.size(), 5u);
+  const size_t head = (512u + 16 + 1) * 128 + 3u * 129 * 128 + 129u * 5;
+  EXPECT_EQ(field.networks[1].parameters(), field.networks[0].parameters() + head);
+  field.initialise(1);
+  for (const LinearWeights* table : {&field.books.appearance, &field.books.transient}) {
+    double square = 0;
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < table->in; ++k)
+        square += std::pow(
+            static_cast<double>(field.weights[gradient_check::Problem::index(*table, j, k)]), 2);
+    const double n = 3 * table->in;
+    EXPECT_NEAR(square / n, 1, 4 * 0.894 / std::sqrt(n)) << table->in;
+  }
+}
+
 TEST(NetworkField, ImpossibleCombinationsAreErrors) {
   const auto refused = [](const std::function<void(NetworkOptions&)>& change) {
     NetworkOptions o = nerf_options();
@@ -127,6 +151,11 @@ TEST(NetworkField, ImpossibleCombinationsAreErrors) {
               o.image_code = 4;
               o.view_dependence = false;
             }).find("view direction"),
+            std::string::npos);
+  EXPECT_NE(refused([](NetworkOptions& o) {
+              o.transient_code = 4;
+              o.view_dependence = false;
+            }).find("transient"),
             std::string::npos);
 }
 

@@ -25,6 +25,7 @@ NetworkOptions tiny(NetworkOptions o) {
   o.width = o.proposal_width = 8;
   o.bottleneck = 3;
   o.view_width = 6;
+  o.transient_width = 5;
   o.sampling.coarse = 4;
   o.sampling.fine = 5;
   return o;
@@ -97,7 +98,11 @@ Columns<T> loss_of_levels(const NetworkField& field, const NetworkLosses& losses
         {in_type<T>(in.position), in_type<T>(in.variance), in_type<T>(in.directions),
          in_type<T>(in.delta), in_type<T>(in.background), in_type<T>(in.target),
          in_type<T>(in.scale), in_type<T>(in.photo)},
-        given[l].rays, {.pixel = losses.pixel}));
+        given[l].rays,
+        {.pixel = losses.pixel,
+         .transient = l + 1 == given.size(),
+         .least_deviation = losses.least_deviation,
+         .transient_density = losses.transient_density}));
     for (const auto& term : outputs.back().loss) terms.push_back(term);
   }
   // A ray's scale is that of a mean over rays and three channels.
@@ -142,7 +147,14 @@ std::vector<MethodCase> methods() {
   mipnerf.losses.distortion = 0.1_r;
   MethodCase nerf{"nerf", tiny(test::nerf_options()), {}};
   nerf.options.density_bias = 1;  // a ReLU that is dead for all samples has no gradient
-  return {nerf, mipnerf, mipnerf360};
+  MethodCase nerfw{"nerfw", tiny(test::nerfw_options()), {}};
+  nerfw.losses.coarse = 0.5_r;
+  nerfw.losses.least_deviation = 0.3_r;
+  nerfw.losses.transient_density = 0.1_r;
+  MethodCase weighed = nerfw;  // a loss on the weights of what is not transient
+  weighed.name = "nerfw_distortion";
+  weighed.losses.distortion = 0.3_r;
+  return {nerf, mipnerf, mipnerf360, nerfw, weighed};
 }
 
 TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
@@ -150,13 +162,12 @@ TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
     SCOPED_TRACE(method.name);
     WorstError loss(method.name + "_loss"), element(method.name + "_backward"),
         norm(method.name + "_norm");
-    std::vector<std::string> photos;
-    for (int r = 0; r < kRays; ++r) photos.push_back(std::to_string(r));
-    NetworkField field(method.options, 1, 4, photos);
+    NetworkField field(method.options, 1, 4, {"a", "b"});
     for_each_target([&](const std::string&) {
       // Weights as the generic test draws them; there is no tape of which it could be one's input.
       TapeUnderTest of_weights{nullptr, {}, {}, field.layers(), {}, 900, 1, 0.5};
-      if (!field.codes().empty()) of_weights.layers.push_back(field.codes().appearance);
+      for (const LinearWeights* table : {&field.books.appearance, &field.books.transient})
+        if (table->out > 0) of_weights.layers.push_back(*table);
       const Rays no_rays{0};
       const gradient_check::Problem problem(of_weights, no_rays, 4);
       for (size_t i = 0; i < problem.weights.size(); ++i)

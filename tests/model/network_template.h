@@ -59,9 +59,30 @@ NetworkOutputs<T> network_template(const NetworkOptions& o, const RadianceNetwor
           on_columns::repeat_for_samples(on_columns::table_rows(in.photo, weights, n.codes), rays));
     seen = on_columns::linear(seen, weights, n.view, true);
   }
-  Columns<T> colour = on_columns::sigmoid(on_columns::linear(seen, weights, n.colour, false));
   const double padding = static_cast<double>(o.colour_padding);
-  colour = on_columns::scale_shift(colour, 1 + 2 * padding, -padding);
+  const auto activated = [&](const Columns<T>& x) {
+    return on_columns::scale_shift(on_columns::sigmoid(x), 1 + 2 * padding, -padding);
+  };
+  const Columns<T> colour = activated(on_columns::linear(seen, weights, n.colour, false));
+  if (losses.transient && !n.transient.empty()) {
+    Columns<T> x =
+        on_columns::concat(on_columns::linear(h, weights, n.bottleneck, false),
+                           on_columns::repeat_for_samples(
+                               on_columns::table_rows(in.photo, weights, n.transient_codes), rays));
+    for (size_t i = 0; i < n.transient.size(); ++i)
+      x = on_columns::linear(x, weights, n.transient[i], i + 1 < n.transient.size());
+    const Columns<T> passing = on_columns::softplus(on_columns::slice(x, 0, 1), 0);
+    const Columns<T> both = on_columns::composite_transient<T>(
+        {density, colour, passing, activated(on_columns::slice(x, 1, 3)),
+         on_columns::softplus(on_columns::slice(x, 4, 1), 0)},
+        in.delta, in.background, rays, o.opaque_end);
+    out.loss = on_columns::uncertain_loss(both, in.target, in.scale,
+                                          static_cast<double>(losses.least_deviation));
+    for (const auto& term : on_columns::mean_loss(passing, in.scale, rays,
+                                                  static_cast<double>(losses.transient_density)))
+      out.loss.push_back(term);
+    return out;
+  }
   const Columns<T> pixel = on_columns::accumulate(out.weights, colour, in.background, rays);
   const double epsilon = static_cast<double>(losses.pixel.parameter);
   out.loss = on_columns::pixel_loss(pixel, in.target, in.scale, [&](T e) {

@@ -42,12 +42,29 @@ inline NetworkOptions mipnerf360_options() {
   return o;
 }
 
+inline NetworkOptions nerfw_options() {
+  NetworkOptions o;
+  o.position_degrees = 15;
+  o.sampling.coarse = o.sampling.fine = 512;
+  o.width = o.bottleneck = o.proposal_width = 512;
+  o.density = DensityActivation::kSoftplus;
+  o.last_interval = 100;
+  o.image_code = 48;
+  o.code_spread = 1;
+  o.transient_code = 16;
+  return o;
+}
+
 inline NetworkOptions small_network(NetworkOptions o) {
   o.depth = 3;
   o.skip = 1;
   o.width = o.proposal_width = 16;
   o.bottleneck = 5;
   o.view_width = 7;
+  if (o.image_code > 0) o.image_code = 3;
+  if (o.transient_code > 0) o.transient_code = 2;
+  o.transient_depth = 2;
+  o.transient_width = 6;
   o.proposal_depth = 2;
   o.position_degrees = 2;
   o.direction_degrees = 1;

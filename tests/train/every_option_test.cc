@@ -58,6 +58,17 @@ void with_depth(Setting& s) {
 void without_crop(Setting& s) { s.options.recipe.crop_steps = 0; }
 void warmed_up(Setting& s) { s.options.recipe.warmup_rate = 0.1; }
 void annealed(Setting& s) { s.options.recipe.anneal = true; }
+// Without a view direction there is no layer that a photo's numbers join.
+void without_codes(Setting& s) {
+  s.options.network.image_code = s.options.network.transient_code = 0;
+}
+void with_codes(Setting& s) { s.options.network.image_code = 4; }
+void transient(Setting& s) { s.options.network.transient_code = 4; }
+// What photos see is in a part of the distances that samples would have.
+void sampled_by_points(Setting& s) {
+  unbounded_with_points(s);
+  s.options.recipe.near = s.options.recipe.far = 0;
+}
 // Cones have intervals, which coarse+fine resampling does not.
 void intervals(Setting& s) {
   IntervalOptions& sampling = s.options.network.sampling;
@@ -130,7 +141,7 @@ const std::vector<Line>& table() {
       {"network.encoding", {"integrated", "frequency"}},
       {"network.position_degrees", {"3"}},
       {"network.direction_degrees", {"2"}},
-      {"network.view_dependence", {"false"}},
+      {"network.view_dependence", {"false"}, without_codes},
       {"network.sampling.resampling", {"blurred", "proposal"}, coloured_proposals},
       {"network.sampling.spacing", {"inverse", "uniform"}},
       {"network.sampling.coarse", {"12"}},
@@ -144,6 +155,10 @@ const std::vector<Line>& table() {
       {"network.bottleneck", {"16"}},
       {"network.view_width", {"8"}},
       {"network.image_code", {"2"}},
+      {"network.transient_code", {"2"}},
+      {"network.transient_depth", {"1"}, transient},
+      {"network.transient_width", {"8"}, transient},
+      {"network.code_spread", {"0.5"}, with_codes},
       {"network.proposal_depth", {"2"}, own_network},
       {"network.proposal_width", {"16"}, own_network},
       {"network.proposal_colour", {"false", "true"}, bounded_proposals},
@@ -151,6 +166,7 @@ const std::vector<Line>& table() {
       {"network.density_bias", {"0.5"}},
       {"network.colour_padding", {"0.1"}},
       {"network.opaque_end", {"true", "false"}, opaque_photos},
+      {"network.last_interval", {"0.01"}},
       {"network.initialisation", {"he", "glorot"}},
       {"recipe.rays", {"48"}},
       {"recipe.one_photo", {"true", "false"}, without_crop},  // a crop is of one photo anyway
@@ -167,6 +183,9 @@ const std::vector<Line>& table() {
       {"recipe.warmup_rate", {"0.5"}},
       {"recipe.near", {"0.7"}},
       {"recipe.far", {"4.5"}},
+      {"recipe.photo_range", {"true", "false"}, sampled_by_points},
+      {"recipe.transient_density", {"1"}, transient},
+      {"recipe.least_deviation", {"0.2"}, transient},
       {"recipe.skip", {"false"}, dense_and_skipping},
       {"recipe.negligible", {"0.25"}, dense},
       {"recipe.anneal", {"true", "false"}},
@@ -193,6 +212,13 @@ constexpr Idle kIdle[] = {
     {"nerf", "recipe.anneal_steps", "only proposals are annealed"},
     {"mipnerf", "recipe.anneal", "only proposals are annealed"},
     {"mipnerf", "recipe.anneal_steps", "only proposals are annealed"},
+    {"mipnerf", "network.last_interval", "samples are intervals"},
+    {"mipnerf360", "network.last_interval", "samples are intervals"},
+    {"nerfw", "network.sampling.padding", "coarse+fine samples come from weights as they are"},
+    {"nerfw", "recipe.anneal", "only proposals are annealed"},
+    {"nerfw", "recipe.anneal_steps", "only proposals are annealed"},
+    {"nerfw", "recipe.skip", "what is transient may be anywhere"},
+    {"nerfw", "recipe.negligible", "what is transient may be anywhere"},
 };
 
 // Whether an option is one of the method's, by the heading that its help stands under.
@@ -306,7 +332,7 @@ TEST_P(EveryOption, NothingElseChangesThem) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, EveryOption,
-                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"),
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw"),
                          [](const auto& info) { return info.param; });
 
 TEST(EveryOption, TheTableHasNoOther) {

@@ -91,6 +91,16 @@ TEST(Methods, PaperRecipes) {
   EXPECT_EQ(mip360.recipe.far, 1e6);
   EXPECT_TRUE(mip360.recipe.anneal);
   EXPECT_EQ(mip360.recipe.anneal_steps, 0);  // all
+
+  const TrainOptions nerfw = method_options("nerfw", Scale::kPaper);
+  EXPECT_EQ(nerfw.steps, 300000);
+  EXPECT_EQ(nerfw.rate, 5e-4);
+  EXPECT_EQ(nerfw.recipe.rays, 2048);
+  EXPECT_FALSE(nerfw.recipe.one_photo);
+  EXPECT_EQ(nerfw.recipe.coarse, 0.5_r);
+  EXPECT_EQ(nerfw.recipe.transient_density, 0.01_r);
+  EXPECT_EQ(nerfw.recipe.least_deviation, 0.03_r);
+  EXPECT_TRUE(nerfw.recipe.photo_range);
 }
 
 // lr0^(1 - p) lr1^p at progress p, below it a quarter sine from warmup_rate to 1 (methods of
@@ -137,6 +147,7 @@ TEST(Methods, TheTablesModelsAreThoseOfTheModelLayersTests) {
   EXPECT_EQ(text("nerf"), options_text(test::nerf_options()));
   EXPECT_EQ(text("mipnerf"), options_text(test::mipnerf_options()));
   EXPECT_EQ(text("mipnerf360"), options_text(test::mipnerf360_options()));
+  EXPECT_EQ(text("nerfw"), options_text(test::nerfw_options()));
 }
 
 TEST(Methods, EveryPresetIsValid) {

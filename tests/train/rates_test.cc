@@ -77,7 +77,8 @@ TEST(GridSchedule, StepSizeFallsAndMemoryGrows) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, Rates, ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"),
+INSTANTIATE_TEST_SUITE_P(Methods, Rates,
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw"),
                          [](const auto& info) { return info.param; });
 
 }  // namespace

@@ -67,7 +67,7 @@ TEST_P(TrainedOnTargets, LossesAreAlike) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, TrainedOnTargets,
-                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360"),
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw"),
                          [](const auto& info) { return info.param; });
 
 }  // namespace

@@ -124,6 +124,29 @@ Value change_colours(Tape& tape, Value pixel, Value background, Value change);
 // and no values of groups before it. `least` of 0 leaves out only what has no gradient at all.
 void roulette(Tape& tape, Value x, Real least);
 
+// What stays and what only one photo shows on the same rays, each giving light by an opacity of its
+// own and hiding what is behind it of both (Martin-Brualla et al. 2021, equations 6 to 8, 11, 12).
+// All need gradients; the deviation says how uncertain the transient colour is.
+struct TransientMatter {
+  Value density, colour;                      // [1 x samples], [3 x samples]
+  Value transient_density, transient_colour;  // likewise
+  Value deviation;                            // [1 x samples]
+};
+//   delta [1 x samples], background [3 x rays] -> [5 x rays]: colour over the background; opacity,
+//   of both kinds; the deviation, weighted by the transient light. Of the static matter alone the
+//   weights, which have no gradient. With `opaque_end` the last interval's static matter lets
+//   nothing through.
+Composite composite_transient(Tape& tape, const TransientMatter& matter, Value delta,
+                              Value background, bool opaque_end);
+
+// Of such pixels [5 x rays]: the negative logarithm of a normal distribution's likelihood, without
+// its constant, whose standard deviation b is the pixel's and at least `least` (equation 13):
+//   scale (sum_k (pixel_k - target_k)^2 / (2 b^2) + 3 log b),   b = deviation + least
+Value uncertain_loss(Tape& tape, Value pixel, Value target, Value scale, Real least);
+
+// x [1 x samples]: 3 scale factor times the mean of x over each ray's samples. Adds to Chunk::loss.
+Value mean_loss(Tape& tape, Value x, Value scale, Real factor);
+
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the
 // chunk and times `scale` (1 / (3 rays of the step)); for |r| <= delta it equals r^2. Adds to
 // Chunk::loss.

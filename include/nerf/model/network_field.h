@@ -20,11 +20,19 @@ namespace nerf {
 // One network:
 //   encoding -> depth layers of width, ReLU -> density (1)
 //                                            -> bottleneck -> [., direction] -> ReLU -> colour (3)
+// and where photos show what others do not, of the last level in training
+//                                               bottleneck -> [., code] -> ReLU layers
+//                                                          -> density (1), colour (3), deviation
+//                                                          (1)
 struct RadianceNetwork {
   std::vector<LinearWeights> trunk;
   LinearWeights density;
   LinearWeights bottleneck, view, colour;  // of size 0 where there is no colour
-  LinearWeights codes;                     // [photos x image_code], behind all networks' weights
+  // Hidden layers, then density, colour and deviation; empty: nothing is transient. Behind the
+  // bottleneck and the photo's transient numbers.
+  std::vector<LinearWeights> transient;
+  // [photos x image_code], [photos x transient_code], behind all networks' weights
+  LinearWeights codes, transient_codes;
   bool has_colour = false;
   size_t begin = 0, end = 0;  // in the field's weights
   size_t parameters() const;  // without padding
@@ -73,6 +81,12 @@ struct NetworkField final : Field {
   void initialise(uint64_t seed);
 };
 
+// Whether the input is given again behind hidden layer `layer` of so many: every skip-th, but not
+// behind the last, where nothing would read it.
+bool input_behind(const NetworkOptions& options, int layer, int depth);
+// What the transient layers end in: density, colour and deviation.
+inline constexpr int kTransientRows = 5;
+
 // Number of features of an encoded position and direction.
 int position_features(const NetworkOptions& options);
 int direction_features(const NetworkOptions& options);
@@ -100,23 +114,29 @@ struct NetworkTape {
   Value variance = 0;    // in, integrated encodings: the same shape
   Value directions = 0;  // in: [3 x rays], unit
   Value delta = 0;       // in: [1 x samples]
-  Value photo = -1;      // in, training with image codes: [1 x rays], Ray::photo; below 0: zeros
+  Value photo = -1;      // in, training with codes: [1 x rays], Ray::photo; below 0: zeros
   Value code = -1;       // in, else with image codes: [image_code x rays]
   Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
   Value background = 0;  // in: [3 x rays]
   PixelLossInputs pixel_loss;   // in, training
   Value weight_gradient = -1;   // in between the passes, training: [1 x samples]
   Value density_gradient = -1;  // in, kGradient: [1 x samples]
-  Value density = 0;            // out: [1 x samples]
-  Value weights = 0;            // out: [1 x samples]
-  Value colour = -1;            // out: [3 x samples]
-  Value pixel = -1;             // out: [4 x rays]
+  // Out: of what every photo shows, but for the pixel in training.
+  Value density = 0;    // [1 x samples]
+  Value weights = 0;    // [1 x samples]
+  Value features = -1;  // [bottleneck x samples], with view dependence
+  Value colour = -1;    // [3 x samples]
+  Value pixel = -1;     // [4 x rays], a fifth row with transient matter
 
   struct Losses {
     bool colour = true;  // whether the level's pixels are compared with the photos
     PixelLoss pixel;
     bool on_weights = false;  // whether the caller has gradients of the weights
     bool density_noise = false;
+    // Whether the pixel shows what is transient too. Its loss is then the uncertain one, with that
+    // least deviation, and the mean transient density with that weight.
+    bool transient = false;
+    Real least_deviation = 0.03_r, transient_density = 0;
   };
   // For at most so many samples on at most so many rays.
   NetworkTape(const NetworkOptions& options, const RadianceNetwork& network, int samples, int rays,
@@ -127,7 +147,14 @@ struct NetworkTape {
   void forward(Chunk& chunk) const { tape.forward(chunk); }
 
  private:
+  void record_transient(const NetworkOptions& options, const RadianceNetwork& network,
+                        const Losses& losses);
   size_t weight_operations_ = 0;
 };
+
+// Colours of samples from the bottleneck's features, the unit directions [3 x rays] and the photos'
+// numbers [image_code x rays], below 0: none.
+Value record_colour(Tape& tape, const NetworkOptions& options, const RadianceNetwork& network,
+                    Value features, Value directions, Value numbers);
 
 }  // namespace nerf

@@ -32,6 +32,8 @@ struct NetworkLosses {
   // sample's colour. Of a ReLU's, whose derivative does not fall with the density, it is the light
   // that reaches the sample.
   Real negligible = 0;
+  // Of networks with transient matter, of the last level: NetworkTape::Losses.
+  Real least_deviation = 0.03_r, transient_density = 0;
 };
 
 class NetworkLevels {
@@ -70,7 +72,7 @@ class NetworkLevels {
   // kSkipPays of all samples are needed.
   void forward(std::span<NetworkRay> rays, Real exponent, bool skip);
   // Of any level. Proposals whose weights must rise where the last level's do leave out only what a
-  // ReLU does.
+  // ReLU does; a level with transient matter leaves out nothing.
   bool can_skip() const;
   // Samples of the last forward() that are needed (in a picture: that were asked for), and all of
   // them. In training of the levels that can skip.
@@ -134,12 +136,13 @@ class NetworkLevels {
   };
   // body(sample) for every sample of the rays, in order.
   template <class Body>
-  void each_sample(const Level& level, int samples, const Body& body) const;
+  void each_sample(const Level& level, int samples, const Body& body);
   void place_rays(Level& level);
   void place_samples(const Level& level, int samples, const NetworkTape& tape, Chunk& chunk);
   void place_sample(const NetworkRay& ray, const Sample& sample, int column,
                     const NetworkTape& tape, Chunk& chunk) const;
-  void normalised_edges(int level, int ray, std::vector<Real>& edges) const;
+  void aim(const NetworkRay& ray);
+  void normalised_edges(int level, int ray, std::vector<Real>& edges);
   void keep_dense(Level& level);
   void place_drawn(Level& level, int samples);
   void spread_weights(Level& level, int samples);

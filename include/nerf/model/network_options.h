@@ -58,12 +58,17 @@ struct NetworkOptions {
   int bottleneck = 256;  // features handed from density to colour
   int view_width = 128;
   int image_code = 0;  // numbers learnt for each photo, which its colours depend on
+  // Numbers learnt for each photo of what it alone shows; 0: nothing is transient. Layers of the
+  // last level between them and its density, colour and uncertainty (Martin-Brualla et al. 2021).
+  int transient_code = 0, transient_depth = 4, transient_width = 128;
+  Real code_spread = 0;  // standard deviation of the first codes; 0: 1 / sqrt(numbers)
   int proposal_depth = 8, proposal_width = 256;  // of the levels before the last
   bool proposal_colour = true;                   // those levels render pixels too
   DensityActivation density = DensityActivation::kRelu;
   Real density_bias = 0;
-  Real colour_padding = 0;  // colours reach this far beyond [0, 1]
-  bool opaque_end = false;  // the last interval lets nothing through
+  Real colour_padding = 0;      // colours reach this far beyond [0, 1]
+  bool opaque_end = false;      // the last interval lets nothing through
+  Real last_interval = 1e10_r;  // length behind the last of positions, which have no intervals
   Initialisation initialisation = Initialisation::kGlorot;
 
   template <class V>
@@ -93,6 +98,16 @@ struct NetworkOptions {
       "other "
       "views",
       at_least(0), at_most(256));
+    v("transient_code", transient_code,
+      "numbers learnt for each photo of what it alone shows (people, cars), which pictures leave "
+      "out; 0: nothing is transient",
+      at_least(0), at_most(256));
+    v("transient_depth", transient_depth, "hidden layers between those and what they show",
+      at_least(1), at_most(32));
+    v("transient_width", transient_width, "of those layers", at_least(1), at_most(kMostWidth));
+    v("code_spread", code_spread,
+      "standard deviation of the photos' first numbers; 0: one over the root of how many they are",
+      at_least(0), at_most(100));
     v("proposal_depth", proposal_depth, "hidden layers of the levels before the last", at_least(1),
       at_most(32));
     v("proposal_width", proposal_width, "width of the levels before the last", at_least(16),
@@ -105,6 +120,9 @@ struct NetworkOptions {
     v("colour_padding", colour_padding, "how far colours reach beyond [0, 1] before clipping",
       at_least(0), at_most(1));
     v("opaque_end", opaque_end, "the last interval of a ray lets nothing through");
+    v("last_interval", last_interval,
+      "length behind the last sample of coarse+fine resampling, engine units", above(0),
+      at_most(1e10));
     v("initialisation", initialisation, "distribution of the first weights");
   }
   // Throws Error for combinations that cannot be.

@@ -26,7 +26,9 @@ struct NetworkRay {
   Real drawn_from = 0, drawn_to = std::numeric_limits<Real>::infinity();
   Vec3 background;
   // Training only.
-  int photo = -1;  // whose code the colour may depend on; below 0: none
+  int photo = -1;  // whose codes the network may read; below 0: none
+  // First and last distance of its samples, in t; far of 0: the field's.
+  Real near = 0, far = 0;
   Vec3 target;     // colour of the pixel
   Real scale = 0;  // of its squared error, summed over channels, in the loss
   Random random{0, 0, 0};

@@ -30,7 +30,7 @@ struct RenderOptions {
   Real time = 0;             // Ray::time of every ray
   // The light that the picture is taken in, where the field has learnt the photos'; a part of
   // another size than the field's is an error. Its change of colour is made last.
-  Appearance appearance;
+  Appearance appearance{};
   // A ray stops where the cached density lets less through, whatever it stopped at in training;
   // 0: nowhere.
   Real min_transmittance = 1e-6_r;

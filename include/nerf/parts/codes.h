@@ -23,8 +23,9 @@ struct CodeShape {
   int appearance = 0;               // numbers that a photo's colours depend on; 0: none
   bool colours = false;             // whether each photo has a change of colour
   std::vector<std::string> photos;  // as ModelView::name, in the order of Ray::photo
+  int transient = 0;  // numbers of what a photo alone shows, which training reads; 0: none
 
-  bool any() const { return !photos.empty() && (appearance > 0 || colours); }
+  bool any() const { return !photos.empty() && (appearance > 0 || colours || transient > 0); }
 };
 
 // Tables in a field's weights, a row for each photo.
@@ -32,12 +33,13 @@ struct CodeBooks {
   std::vector<std::string> photos;
   LinearWeights appearance;  // [photos x numbers]; of size 0: none
   LinearWeights colours;     // [photos x kColourChange]; likewise
+  LinearWeights transient;   // [photos x numbers]; likewise
 
   CodeBooks() = default;
   // Behind the weights before `begin`.
   CodeBooks(const CodeShape& shape, size_t begin);
   CodeShape shape() const;
-  size_t size() const { return appearance.size() + colours.size(); }
+  size_t size() const { return appearance.size() + colours.size() + transient.size(); }
   bool empty() const { return size() == 0; }
   int rows() const { return static_cast<int>(photos.size()); }
 };

@@ -72,6 +72,9 @@ class IntervalSampler {
   // near and far: distances along the ray, 0 < near < far (near may be 0 with uniform spacing).
   IntervalSampler(const IntervalOptions& options, double near, double far);
 
+  // Other distances, of the ray that comes next.
+  void set_range(Real near, Real far);
+
   int levels() const { return options_.levels(); }
   int samples(int level) const { return options_.samples(level); }
   bool intervals() const { return options_.intervals(); }

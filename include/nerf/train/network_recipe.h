@@ -28,6 +28,9 @@ struct NetworkRecipe {
   int anneal_steps = 0;
   bool skip = true;
   Real negligible = 0;
+  bool photo_range = false;
+  Real transient_density = 0.01_r;
+  Real least_deviation = 0.03_r;
 
   template <class V>
   void visit_options(V& v) {
@@ -56,6 +59,16 @@ struct NetworkRecipe {
       at_most(1));
     v("near", near, "first distance of samples, engine units; 0: from the scene", at_least(0));
     v("far", far, "last distance of samples, engine units; 0: from the scene", at_least(0));
+    v("photo_range", photo_range,
+      "sample each photo's rays where the sparse points lie that it sees, between 0.1 and 99.9 % "
+      "of their distances");
+    v("transient_density", transient_density,
+      "weight of the mean transient density of a ray's samples (--network-transient-code)",
+      at_least(0), at_most(100));
+    v("least_deviation", least_deviation,
+      "standard deviation of a pixel that shows nothing transient, added to the learnt one "
+      "(--network-transient-code)",
+      above(0), at_most(10));
     v("skip", skip,
       "leave out samples that a ReLU gives no density, which have no gradient, and negligible "
       "ones");

@@ -14,6 +14,7 @@
 #include "nerf/base/cancel.h"
 #include "nerf/base/error.h"
 #include "nerf/base/threads.h"
+#include "nerf/io/image.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
 #include "nerf/kernels/bf16.h"
@@ -197,6 +198,13 @@ class Trainer {
   const TrainProfile& profile() const;
   // Mean alpha of the training photos, from a sample of their pixels.
   double photo_opacity() const;
+  // Of every training photo what was left out (LightRecipe::robust) of what moved, 0 in a picture
+  // of its size, 255 elsewhere; empty without it.
+  struct LeftOut {
+    std::string name;  // as View::name
+    Image8 picture;    // one channel
+  };
+  std::vector<LeftOut> left_out() const;
   // A copy to render from or save.
   RadianceField snapshot() const;
 
