@@ -222,7 +222,7 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   expect_series("together, factor", {"2", "1.5", "1.25", "1", "0.85", "0.75", "0.5"});
   expect_series("together, at most", {"32", "64", "192"});
   expect_series("together, spread", {"0.5", "1", "4"});
-  expect_series("together, shared colour", {"1/64", "1/32", "1/8"});
+  expect_series("together, shared colour", {"1/64", "1/32", "1/16"});
   for (const std::string& name : expected) EXPECT_TRUE(skips.contains(name)) << name;
   EXPECT_EQ(skips.size(), expected.size());
   for (const auto& [name, row] : skips) {
