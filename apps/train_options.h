@@ -95,8 +95,7 @@ struct TrainCommand {
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "
       "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "
-      "transparent",
-      brief("background cut out to one colour: transparent"));
+      "transparent");
     v.heading("Run");
     v("out", out,
       "folder for everything that the run writes; without it runs/ and the scene's name",
@@ -116,7 +115,7 @@ struct TrainCommand {
     v("eval_every", eval_every,
       "minutes of training between evaluations on held-out views, more where one takes longer than "
       "a tenth of them; 0: only at the end",
-      at_least(0), not_of_result(), brief("minutes between evaluations"));
+      at_least(0), not_of_result());
     v("eval_views", eval_views,
       "held-out views of an evaluation before the last one, which takes all; 0: all", at_least(0),
       not_of_result());
@@ -134,8 +133,7 @@ struct TrainCommand {
       "where cameras are refined",
       not_of_result());
     v.heading("Method");
-    v("list_methods", list_methods, "prints the table of methods and leaves",
-      brief("prints the table of methods and leaves"));
+    v("list_methods", list_methods, "prints the table of methods and leaves");
     v("scale", scale,
       "preset of a paper's method: paper, the publication's setting; small, under an hour on two "
       "processors; tiny, a few minutes",

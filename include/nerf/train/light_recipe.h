@@ -57,8 +57,7 @@ struct LightRecipe {
   void visit_options(V& v) {
     v("robust", robust,
       "share of the pixels that people in the way and other things that move may cover: those are "
-      "left out whose error stays large together with their surroundings'; auto, off or a share",
-      brief("share of the pixels that things in the way cover: auto, off or X"));
+      "left out whose error stays large together with their surroundings'; auto, off or a share");
     v("appearance", appearance,
       "numbers learnt for each photo that its colours depend on (weather, shadows, time of day): "
       "auto, off or how many",
