@@ -33,8 +33,9 @@ void fill_codes(FieldType& field) {
 }
 
 RadianceField grid_with_codes() {
-  auto grid =
-      std::make_shared<GridField>(test::small_options(1, 1), false, 1, CodeShape{6, true, kPhotos});
+  GridOptions options = test::small_options(1, 1);
+  options.log2_entries = 10;  // the least of a file
+  auto grid = std::make_shared<GridField>(options, false, 1, CodeShape{6, true, kPhotos});
   grid->initialise(3);
   test::scale_table(*grid, 1e4_r);
   fill_codes(*grid);
@@ -46,10 +47,13 @@ RadianceField grid_with_codes() {
 RadianceField network_with_codes() {
   NetworkOptions o = test::small_network(test::nerf_options());
   o.image_code = 6;
+  o.density = DensityActivation::kSoftplus;
   auto network = std::make_shared<NetworkField>(o, 0.5, 4, kPhotos);
   network->initialise(3);
   fill_codes(*network);
-  return RadianceField(test::some_info(), std::move(network));
+  ModelInfo info = test::some_info();
+  info.method = "network";
+  return RadianceField(info, std::move(network));
 }
 
 std::vector<Ray> some_rays() {

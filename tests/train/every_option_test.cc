@@ -55,6 +55,18 @@ void with_depth(Setting& s) {
     p.depth = {p.width, p.height, std::vector<uint16_t>(pixels, 0x4200)};  // 3 as a half float
   }
 }
+void learnt_light(Setting& s) {
+  s.options.grid_recipe.light.appearance = {false, 4};
+  s.options.grid_recipe.light.colour_correction = Switch::kOn;
+}
+void cameras_at_once(Setting& s) {
+  s.options.grid_recipe.cameras.first_step = 2;
+  s.options.grid_recipe.cameras.first_levels = 2;
+}
+void refined(Setting& s) {
+  cameras_at_once(s);
+  s.options.grid_recipe.cameras.refine = RefineCameras::kOn;
+}
 void without_crop(Setting& s) { s.options.recipe.crop_steps = 0; }
 void warmed_up(Setting& s) { s.options.recipe.warmup_rate = 0.1; }
 void annealed(Setting& s) { s.options.recipe.anneal = true; }
@@ -113,6 +125,7 @@ const std::vector<Line>& table() {
       {"huber_delta", {"0.05"}},
       {"distortion", {"0.01"}},
       {"depth_loss", {"0.5"}, with_depth},
+      {"point_depth", {"0.3"}, unbounded_with_points},
       {"early_samples", {"1"}},
       {"shared_colour", {"0"}},
       {"stop_transmittance", {"0.1"}},
@@ -121,6 +134,23 @@ const std::vector<Line>& table() {
       {"keep_unseen", {"true"}, one_camera},
       {"keep_transparent", {"true"}},
       {"keep_free", {"true"}, unbounded_with_points},
+      {"robust", {"0.4"}},
+      {"appearance", {"4"}},
+      {"colour_correction", {"on"}},
+      {"code_rate", {"0.5"}, learnt_light},
+      {"code_decay", {"50"}, learnt_light},
+      {"colour_rate", {"0.5"}, learnt_light},
+      {"colour_decay", {"50"}, learnt_light},
+      {"refine_cameras", {"on"}, cameras_at_once},
+      {"camera_rate", {"0.01"}, refined},
+      {"camera_final_rate", {"0.5"}, refined},
+      {"camera_first_step", {"8"}, refined},
+      {"camera_steps", {"2"}, refined},
+      {"camera_prior", {"100"}, refined},
+      {"camera_lens", {"false"}, refined},
+      {"camera_centre", {"true"}, refined},
+      {"camera_first_levels", {"3"}, refined},
+      {"camera_levels_open", {"0.9"}, refined},
       {"grid.levels", {"3"}},
       {"grid.log2_entries", {"11"}},
       {"grid.features", {"2"}},

@@ -64,7 +64,8 @@ TEST_P(GivenGradient, OfTheOwnLossIsTheOwnStepBitForBit) {
 
 // The reported PSNR is of all rays of the step, those that met no matter included.
 TEST_P(GivenGradient, ReportsTheErrorOfEveryRay) {
-  const auto c = sphere_capture(6, 24);
+  auto c = sphere_capture(6, 24);
+  if (grid()) c.scene.near = 4.1;  // behind the sphere: many rays leave the region before
   ThreadPool pool(2);
   Trainer trainer(c.scene, c.photos, options(20), pool);
   const RayPixels& pixels = trainer.begin_step();
