@@ -39,6 +39,11 @@ void opaque_photos(Setting& s) {
   for (Photo& p : s.capture.photos.photos)
     for (size_t i = 3; i < p.pixels8.size(); i += 4) p.pixels8[i] = 255;
 }
+// So thin that the last interval is not opaque by itself, however long it is.
+void thin_and_opaque_photos(Setting& s) {
+  opaque_photos(s);
+  s.options.network.density_bias = -8;
+}
 // Free space is known of scenes without bounds, from what photos see: here the sphere's middle.
 void unbounded_with_points(Setting& s) {
   opaque_photos(s);
@@ -188,21 +193,21 @@ const std::vector<Line>& table() {
       {"network.transient_code", {"2"}},
       {"network.transient_depth", {"1"}, transient},
       {"network.transient_width", {"8"}, transient},
-      {"network.code_spread", {"0.5"}, with_codes},
+      {"network.code_spread", {"20"}, with_codes},
       {"network.proposal_depth", {"2"}, own_network},
       {"network.proposal_width", {"16"}, own_network},
       {"network.proposal_colour", {"false", "true"}, bounded_proposals},
       {"network.density", {"softplus", "relu"}},
       {"network.density_bias", {"0.5"}},
       {"network.colour_padding", {"0.1"}},
-      {"network.opaque_end", {"true", "false"}, opaque_photos},
+      {"network.opaque_end", {"true", "false"}, thin_and_opaque_photos},
       {"network.last_interval", {"0.01"}},
       {"network.initialisation", {"he", "glorot"}},
       {"recipe.rays", {"48"}},
       {"recipe.one_photo", {"true", "false"}, without_crop},  // a crop is of one photo anyway
       {"recipe.crop_steps", {"1"}},
       {"recipe.crop", {"0.25"}},
-      {"recipe.coarse", {"0.5"}, coloured_proposals},
+      {"recipe.coarse", {"0.5", "1"}, coloured_proposals},
       {"recipe.interlevel", {"1000"}, coloured_proposals},
       {"recipe.distortion", {"0.5"}},
       {"recipe.charbonnier", {"0.1"}},
