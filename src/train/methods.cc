@@ -137,6 +137,9 @@ void shrink(TrainOptions& o, int width, int rays) {
   o.recipe.crop_steps = std::min(o.recipe.crop_steps, 100);
   o.warmup_steps = std::min(o.warmup_steps, 128);
   o.recipe.negligible = 1e-4_r;
+  // What is learnt first counts a hundred times as much as what is not yet, and the rest is called
+  // transient: a few thousand steps do not undo that (docs/methods.md).
+  o.recipe.least_deviation = std::max(o.recipe.least_deviation, 0.3_r);
   // A plan of minutes does not know its length while it begins.
   o.recipe.anneal_steps = kAnnealSteps;
 }
