@@ -131,10 +131,10 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
   constexpr double kFewestMinutes = 1;  // of a training that a few seconds do not matter to
   constexpr int64_t kFewestSteps = 1000;
   LightRecipe& light = command.train.grid_recipe.light;
-  const bool asked = light.appearance.automatic || light.colour_correction == Switch::kAuto;
-  if (!asked || !reads_option(command.train.method, "appearance")) return;
-  const bool is_long = !resumes && (command.minutes.value_or(0) >= kFewestMinutes ||
-                                    command.train.steps >= kFewestSteps);
+  if (!reads_option(command.train.method, "appearance")) return;
+  const bool is_long =
+      light.appearance.automatic && !resumes &&
+      (command.minutes.value_or(0) >= kFewestMinutes || command.train.steps >= kFewestSteps);
   Progress clock("looking at the light");
   const LightProbe probe =
       is_long ? probe_light(scene, photos, pool, &stop.cancel()) : LightProbe();

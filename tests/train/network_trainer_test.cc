@@ -103,8 +103,6 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
 
 // The counter of work says what the switches leave out.
 TEST_P(NetworkTraining, SkippingIsCounted) {
-  if (method_options(GetParam(), Scale::kTiny).network.transient_code > 0)
-    GTEST_SKIP() << "leaves out nothing";
   const auto c = sphere_capture(16, 32);
   ThreadPool pool(2);
   const auto last_samples = [&](bool skip, Real negligible) {
@@ -120,7 +118,10 @@ TEST_P(NetworkTraining, SkippingIsCounted) {
   EXPECT_EQ(last_samples(false, 0), o.network.sampling.all_samples());
   EXPECT_EQ(last_samples(false, 0.2_r), o.network.sampling.all_samples());
   const int64_t few = last_samples(true, 0.2_r);
-  EXPECT_LT(few, o.network.sampling.all_samples());
+  if (o.network.transient_code > 0)  // what is transient may be anywhere
+    EXPECT_EQ(few, o.network.sampling.all_samples());
+  else
+    EXPECT_LT(few, o.network.sampling.all_samples());
   EXPECT_LE(few, last_samples(true, 0));
 }
 
