@@ -56,8 +56,8 @@ Value record_warp(Tape& tape, const WarpNetwork& n, Value position, Value code,
     h = linear(tape, h, n.hidden[i], LinearActivation::kRelu);
   }
   const Value motion = linear(tape, h, n.last, LinearActivation::kNone);
-  NERF_CHECK(n.shape.kind == WarpKind::kTranslation);
-  return add(tape, position, motion);
+  return n.shape.kind == WarpKind::kSe3 ? rigid_motion(tape, motion, position)
+                                        : add(tape, position, motion);
 }
 
 }  // namespace nerf
