@@ -114,6 +114,7 @@ struct RayBatch {
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
   std::vector<int32_t> tile;                         // of RobustMask, as `weight`; below 0: none
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
+  std::vector<Real> time;                            // Ray::time, as `weight`
   std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
@@ -165,7 +166,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
-    Real depth = 0;
+    Real depth = 0, time = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step

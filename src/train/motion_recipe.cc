@@ -1,0 +1,35 @@
+#include "nerf/train/motion_recipe.h"
+
+#include <set>
+
+#include "nerf/io/scene.h"
+
+namespace nerf {
+
+MotionShape MotionRecipe::shape() const {
+  MotionShape s;
+  if (deform == Deform::kAuto || deform == Deform::kNone) return s;
+  s.warp.kind = deform == Deform::kSe3 ? WarpKind::kSe3 : WarpKind::kTranslation;
+  s.warp.position_degrees = degrees;
+  s.warp.depth = depth;
+  s.warp.width = width;
+  s.ambient = ambient;
+  s.time_code = time_code;
+  s.time_degrees = time_degrees;
+  s.time_width = width;
+  s.point_degrees = point_degrees;
+  return s;
+}
+
+int count_moments(const Scene& scene) {
+  std::set<double> times;
+  for (const int view : scene.train) times.insert(scene.views[static_cast<size_t>(view)].time);
+  return static_cast<int>(times.size());
+}
+
+void resolve_motion(const Scene& scene, MotionRecipe& recipe) {
+  if (recipe.deform != Deform::kAuto) return;
+  recipe.deform = count_moments(scene) > 1 ? Deform::kTranslation : Deform::kNone;
+}
+
+}  // namespace nerf
