@@ -11,8 +11,8 @@ namespace nerf::internal {
 namespace {
 
 SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
-  SamplerOptions s = field.options.sampler;
-  s.min_transmittance = options.min_transmittance;
+  SamplerOptions s = field.sampler();
+  if (field.motion.empty()) s.min_transmittance = options.min_transmittance;
   s.samples_per_cell *= options.sample_factor;
   s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
   s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
