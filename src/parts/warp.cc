@@ -7,17 +7,6 @@
 
 namespace nerf {
 
-namespace {
-
-void uniform(const LinearWeights& w, Real bound, Random random, Real* weights) {
-  for (int j = 0; j < w.out; ++j)
-    for (int k = 0; k < w.in; ++k)
-      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
-          bound * (2 * random.uniform() - 1);
-}
-
-}  // namespace
-
 WarpNetwork::WarpNetwork(const WarpShape& s, size_t first) : shape(s), begin(first), end(first) {
   if (empty()) return;
   const auto place = [&](int in, int out) {
@@ -37,10 +26,10 @@ WarpNetwork::WarpNetwork(const WarpShape& s, size_t first) : shape(s), begin(fir
 
 void WarpNetwork::initialise(uint64_t seed, uint64_t layer, Real* weights) const {
   for (const LinearWeights& w : hidden)
-    uniform(w, std::sqrt(6.0_r / static_cast<Real>(w.in + w.out)),
-            Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights);
-  uniform(last, shape.last_bound, Random(seed, random_key(RandomStream::kFirstNetworks), layer),
-          weights);
+    draw_weights(w, xavier_bound(w),
+                 Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights);
+  draw_weights(last, shape.last_bound,
+               Random(seed, random_key(RandomStream::kFirstNetworks), layer), weights);
 }
 
 Value record_warp(Tape& tape, const WarpNetwork& n, Value position, Value code,

@@ -180,6 +180,8 @@ TEST(Motion, IsChosenWhereACaptureHasSeveralMoments) {
   resolve_motion(c.scene, recipe);
   EXPECT_EQ(recipe.deform, Deform::kNone);
   EXPECT_FALSE(recipe.shape().any());
+  recipe.deform = Deform::kSe3;
+  EXPECT_THROW(resolve_motion(c.scene, recipe), Error);
 }
 
 // Held-out photos are of moments between the others.
