@@ -19,11 +19,16 @@ std::optional<ImageSize> parse_image_size(const std::string& text) {
 }
 
 void RenderCommand::check_options() const {
+  layers.check_options();
   if (size && downscale > 1)
     throw Error("--size and --downscale exclude each other", "", "give the final size to --size");
   if (out.empty()) throw Error("the folder's name is empty", "--out");
   if (fps && mp4.empty())
     throw Error("pictures have no speed", "--fps", "give --mp4 FILE too, or leave it out");
+  if (look.film != FilmKind::kColour && mp4.empty())
+    throw Error("there is no film", "--film", "give --mp4 FILE too, or leave it out");
+  if (look.film != FilmKind::kColour && !depth)
+    throw Error("this film shows depth", "--film", "leave --no-depth out");
   if (!mp4.empty() && mp4.extension() != ".mp4")
     throw Error("'" + mp4.string() + "' does not end in .mp4", "--mp4");
 }

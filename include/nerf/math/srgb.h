@@ -1,4 +1,4 @@
-// The transfer function of sRGB (IEC 61966-2-1), both ways.
+// The transfer function of sRGB (IEC 61966-2-1): colours as photos hold them, and linear light.
 #pragma once
 
 #include <cmath>
@@ -7,11 +7,14 @@
 
 namespace nerf {
 
-inline double srgb_to_linear(double x) {
-  return x <= 0.04045 ? x / 12.92 : std::pow((x + 0.055) / 1.055, 2.4);
+// Both go on above 1 as they are below; below 0 they are straight lines.
+template <class T>
+T srgb_to_linear(T x) {
+  return x <= T(0.04045) ? x / T(12.92) : std::pow((x + T(0.055)) / T(1.055), T(2.4));
 }
-inline double linear_to_srgb(double x) {
-  return x <= 0.0031308 ? x * 12.92 : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
+template <class T>
+T linear_to_srgb(T x) {
+  return x <= T(0.0031308) ? x * T(12.92) : T(1.055) * std::pow(x, 1 / T(2.4)) - T(0.055);
 }
 
 inline Vec3d srgb_to_linear(const Vec3d& c) {
