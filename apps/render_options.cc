@@ -20,6 +20,7 @@ std::optional<ImageSize> parse_image_size(const std::string& text) {
 
 void RenderCommand::check_options() const {
   layers.check_options();
+  object.check_options();
   if (size && downscale > 1)
     throw Error("--size and --downscale exclude each other", "", "give the final size to --size");
   if (out.empty()) throw Error("the folder's name is empty", "--out");
