@@ -43,6 +43,7 @@ std::string time_span_text(const TimeSpan& span) {
 
 void RenderCommand::check_options() const {
   layers.check_options();
+  object.check_options();
   if (time && freeze_time)
     throw Error("--time and --freeze-time exclude each other", "", "leave one of them out");
   if (freeze_time && !freeze_camera.empty())

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "insert_object.h"
 #include "layer_files.h"
 #include "looks.h"
 #include "nerf/base/options.h"
@@ -110,6 +111,7 @@ struct RenderCommand {
   Precision precision = Precision::kAuto;
   LookOptions look;
   LayerOptions layers;
+  InsertOptions object;
   int threads = 0;
 
   template <class V>
@@ -191,6 +193,7 @@ struct RenderCommand {
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024),
       brief("0 takes all processors"));
     layers.visit_options(v);
+    object.visit_options(v);
   }
   // Throws Error for combinations that cannot be.
   void check_options() const;

@@ -166,8 +166,8 @@ TEST_F(ReadObjectTest, TakesStripsFansAndTextFiles) {
     gltf.primitive()["mode"] = mode;
     const SceneObject o = read(gltf);
     EXPECT_EQ(o.mesh.triangles.size(), 2u);
-    if (mode == 5)  // both seen from +z
-      for (uint32_t t = 0; t < 2; ++t) EXPECT_GT(surface_point(o, t, 0.3, 0.3).normal.z, 0.9);
+    if (mode == 6) continue;  // this one is folded
+    for (uint32_t t = 0; t < 2; ++t) EXPECT_GT(surface_point(o, t, 0.3, 0.3).normal.z, 0.9);
   }
   gltf.json["buffers"] = {{{"byteLength", gltf.bin.size()}, {"uri", "object.bin"}}};
   test::write_text(folder_ / "o.gltf", gltf.json.dump());
