@@ -42,6 +42,7 @@ std::string time_span_text(const TimeSpan& span) {
 }
 
 void RenderCommand::check_options() const {
+  layers.check_options();
   if (time && freeze_time)
     throw Error("--time and --freeze-time exclude each other", "", "leave one of them out");
   if (freeze_time && !freeze_camera.empty())
@@ -52,6 +53,10 @@ void RenderCommand::check_options() const {
   if (out.empty()) throw Error("the folder's name is empty", "--out");
   if (fps && mp4.empty())
     throw Error("pictures have no speed", "--fps", "give --mp4 FILE too, or leave it out");
+  if (look.film != FilmKind::kColour && mp4.empty())
+    throw Error("there is no film", "--film", "give --mp4 FILE too, or leave it out");
+  if (look.film != FilmKind::kColour && !depth)
+    throw Error("this film shows depth", "--film", "leave --no-depth out");
   if (!mp4.empty() && mp4.extension() != ".mp4")
     throw Error("'" + mp4.string() + "' does not end in .mp4", "--mp4");
 }

@@ -6,6 +6,8 @@
 #include <optional>
 #include <string>
 
+#include "layer_files.h"
+#include "looks.h"
 #include "nerf/base/options.h"
 #include "nerf/io/camera_path.h"
 #include "nerf/kernels/bf16.h"
@@ -106,6 +108,8 @@ struct RenderCommand {
   double exposure = 0;
   int supersample = 0;
   Precision precision = Precision::kAuto;
+  LookOptions look;
+  LayerOptions layers;
   int threads = 0;
 
   template <class V>
@@ -164,6 +168,7 @@ struct RenderCommand {
     v.heading("How to draw it");
     v("depth", depth, "colour-mapped depth pictures in DIR/depth",
       brief("pictures of depth too; --no-depth leaves them out"));
+    look.visit_options(v);
     v("bbox", bbox, "draws nothing outside this box, input coordinates",
       brief("draws nothing outside this box"));
     v("background", background,
@@ -185,6 +190,7 @@ struct RenderCommand {
       "operands of the networks' products; auto: bf16 where the processor is faster with it");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024),
       brief("0 takes all processors"));
+    layers.visit_options(v);
   }
   // Throws Error for combinations that cannot be.
   void check_options() const;

@@ -25,6 +25,8 @@ constexpr int kPanoramaHeight = 1024;  // of one eye's picture
 // Per pixel, at the peak: five numbers of the frame, two 8-bit pictures, the encoder's copy, the
 // sorted depths.
 constexpr uint64_t kBytesPerPixel = 8 * sizeof(Real) + 32;
+// Layers as drawn and as encoded, and a dozen deep samples likewise.
+constexpr uint64_t kLayerBytesPerPixel = 64 * sizeof(Real), kDeepBytesPerPixel = 1000;
 
 struct Views {
   CameraPath path;
@@ -139,10 +141,13 @@ Camera sized(const RenderCommand& command, const Camera& camera, bool photo) {
   return resized(camera, divided(camera.width), divided(camera.height), true);
 }
 
-void check_size(const Camera& camera, PictureKind picture, uint64_t memory_bytes) {
+void check_size(const RenderCommand& command, const Camera& camera, PictureKind picture,
+                uint64_t memory_bytes) {
   const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
   // Both eyes' pictures stand beside the joined one.
-  const uint64_t bytes = (is_stereo(picture) ? 3 : 1) * pixels * kBytesPerPixel;
+  const uint64_t bytes = (is_stereo(picture) ? 3 : 1) * pixels *
+                         (kBytesPerPixel + (command.layers.aov.empty() ? 0 : kLayerBytesPerPixel) +
+                          (command.layers.deep ? kDeepBytesPerPixel : 0));
   if (bytes <= memory_bytes) return;
   throw Error(fmt::format("a picture of {}x{} needs {:.1f} GB of memory, and {:.1f} GB are there",
                           camera.width, camera.height, static_cast<double>(bytes) * 1e-9,
@@ -190,6 +195,7 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;
   plan.picture = views.path.picture;
+  plan.look = command.look;
   const bool stereo = is_stereo(plan.picture);
   if (command.ipd && !stereo)
     throw Error("--ipd is for pictures of two eyes", "--ipd", "give --camera ods or vr180 too");
@@ -217,7 +223,7 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
       frame.camera_to_world = left.camera_to_world;
       frame.right = right_eye(plan.picture, middle, ipd);
     }
-    check_size(frame.camera, plan.picture, memory_bytes);
+    check_size(command, frame.camera, plan.picture, memory_bytes);
     const double aspect = static_cast<double>(frame.camera.width) * view.camera.height /
                           (static_cast<double>(frame.camera.height) * view.camera.width);
     stretched |= command.size && views.photos && std::abs(aspect - 1) > 0.02;
@@ -234,6 +240,8 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
     plan.notes.emplace_back("--size has other proportions than the photos: pictures are stretched");
   if (command.depth)
     for (PlannedFrame& frame : plan.frames) frame.depth = unused("depth" / frame.color, used);
+  if (command.look.film != FilmKind::kColour)
+    for (PlannedFrame& frame : plan.frames) frame.film = unused("film" / frame.color, used);
   if (!command.mp4.empty())
     for (const PlannedFrame& frame : plan.frames)
       if (frame.camera.width != plan.frames[0].camera.width ||

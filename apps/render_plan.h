@@ -25,12 +25,14 @@ struct PlannedFrame {
   std::optional<Eye> right;     // of a stereo picture
   std::filesystem::path color;  // files, below the output folder
   std::filesystem::path depth;  // empty: not wanted
+  std::filesystem::path film;   // the film's frame; empty: it is the colour's
 };
 
 struct RenderPlan {
   std::vector<PlannedFrame> frames;
   PictureKind picture = PictureKind::kPerspective;
   double fps = 30;
+  LookOptions look;
   std::vector<std::string> notes;  // for the user
 };
 

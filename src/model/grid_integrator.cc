@@ -11,13 +11,15 @@ namespace nerf::internal {
 namespace {
 
 SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
-  SamplerOptions s = field.options.sampler;
-  s.min_transmittance = options.min_transmittance;
+  SamplerOptions s = field.sampler();
+  if (field.motion.empty()) s.min_transmittance = options.min_transmittance;
   s.samples_per_cell *= options.sample_factor;
   s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
   s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
   return s;
 }
+
+constexpr Real kFaint = 1e-4_r;  // so little light says nothing of where matter begins and ends
 
 // Adds n features of a sample of weight w to its ray's.
 inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
@@ -43,6 +45,7 @@ GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
     code_ = options.appearance.code.empty() ? field.default_code() : options.appearance.code;
   chunk_.weights = shading_.weights = field.weights.data();
   chunk_.packs = shading_.packs = &packs;
+  if (!field.motion.empty()) motion_ = std::make_unique<MotionChunk>(field, &packs);
   delta_row_ = chunk_.data(tape_.delta);
   direction_rows_ = chunk_.data(tape_.directions);
   for (auto* a : {&x_, &y_, &z_}) *a = AlignedArray<Real>(kChunkSamples);
@@ -56,6 +59,7 @@ void GridIntegrator::begin(const RaySink& sink) {
   sink_ = sink;
   has_moments_ = sink.mean || sink.variance;
   has_percentiles_ = sink.near || sink.far;
+  has_deep_ = sink.deep != nullptr;
   ways_.clear();
   t_.clear();
   delta_.clear();
@@ -66,6 +70,7 @@ void GridIntegrator::add(const Ray& given, int place) {
   Way way;
   way.place = place;
   way.background = given.background;
+  way.time = given.time;
   Ray ray = given;
   if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way);
   ++statistics_.rays;
@@ -126,6 +131,7 @@ void GridIntegrator::add_part(size_t w, size_t until) {
   way.next += n;
   samples_used_ += static_cast<int>(n);
   for (int k = 0; k < 3; ++k) direction_rows_[k * lr + parts_] = way.direction[k];
+  if (motion_) chunk_.data(tape_.time)[parts_] = way.time;
   ++parts_;
   ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
 }
@@ -141,7 +147,7 @@ void GridIntegrator::flush() {
   chunk_.samples = samples_used_;
   chunk_.rays = parts_;
   chunk_.ray_begin = ray_begin_.data();
-  encode(field_, {x_.data(), y_.data(), z_.data()}, samples_used_, chunk_.data(tape_.features),
+  encode(field_, looked_up(), samples_used_, chunk_.data(tape_.features),
          chunk_.stride(tape_.features));
   tape_.forward_density(chunk_);
   opacity(samples_used_, chunk_.data(tape_.density), delta_row_, alphas_.data());
@@ -151,6 +157,19 @@ void GridIntegrator::flush() {
   statistics_.density_evaluations += samples_used_;
   for (int part = 0; part < parts_; ++part) composite(part);
   parts_ = samples_used_ = 0;
+}
+
+GridPoints GridIntegrator::looked_up() {
+  if (!motion_) return {x_.data(), y_.data(), z_.data()};
+  const int64_t padded = round_up(samples_used_, kLane), ld = chunk_.stride(tape_.position);
+  Real* to = chunk_.data(tape_.position);
+  for (const auto* a : {&x_, &y_, &z_}) {
+    std::copy_n(a->data(), padded, to);
+    to += ld;
+  }
+  motion_->forward(x_.data(), y_.data(), z_.data(), samples_used_, parts_, ray_begin_.data(),
+                   chunk_.data(tape_.time));
+  return {motion_->canonical(0), motion_->canonical(1), motion_->canonical(2)};
 }
 
 void GridIntegrator::composite(int part) {
@@ -166,12 +185,18 @@ void GridIntegrator::composite(int part) {
   for (int i = begin; i < end; ++i) {
     const double alpha = alphas_[static_cast<size_t>(i)];
     const Real weight = static_cast<Real>(transmittance * alpha);
+    if (has_deep_ && alpha > 0 && is_apart(way, t[i], delta_row_[i], weight)) {
+      add_shaded(w, shared, transmittance);
+      shared = 0;
+      begin_stretch(way, t[i], delta_row_[i], transmittance);
+    }
     if (unshaded + weight <= options_.unshaded) {
       unshaded += weight;
     } else {
       if (shared + weight > options_.shared_colour) {
-        add_shaded(w, shared);
+        add_shaded(w, shared, transmittance);
         shared = 0;
+        if (has_deep_) begin_stretch(way, t[i], delta_row_[i], transmittance);
       }
       shared += weight;
       add_weighted(features, weight, geometry_.data() + static_cast<size_t>(i) * features, sums);
@@ -182,11 +207,16 @@ void GridIntegrator::composite(int part) {
       way.first_moment += light * distance;
       way.second_moment += light * distance * distance;
     }
+    if (has_deep_ && weight > kFaint) way.back = std::max(way.back, t[i] + 0.5_r * delta_row_[i]);
+    const double before = transmittance;
     transmittance *= 1 - alpha;
-    if (way.median < 0 && transmittance <= 0.5) way.median = t[i];
+    if (way.median < 0 && transmittance <= 0.5)
+      way.median = stopped_at(t[i], delta_row_[i], before, transmittance, 0.5);
     if (has_percentiles_) {
-      if (way.near < 0 && transmittance <= 1 - kNearShare) way.near = t[i];
-      if (way.far < 0 && transmittance <= 1 - kFarShare) way.far = t[i];
+      if (way.near < 0 && transmittance <= 1 - kNearShare)
+        way.near = stopped_at(t[i], delta_row_[i], before, transmittance, 1 - kNearShare);
+      if (way.far < 0 && transmittance <= 1 - kFarShare)
+        way.far = stopped_at(t[i], delta_row_[i], before, transmittance, 1 - kFarShare);
     }
     // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
     if (transmittance < options_.stop_transmittance) break;
@@ -195,12 +225,39 @@ void GridIntegrator::composite(int part) {
   way.unshaded = unshaded;
   way.shared = shared;
   if (way.next < way.end && !(transmittance < options_.stop_transmittance)) return;
-  add_shaded(w, shared);
+  add_shaded(w, shared, transmittance);
   close(way);
 }
 
-void GridIntegrator::add_shaded(size_t w, Real shared) {
-  const Way& way = ways_[w];
+Real GridIntegrator::stopped_at(Real t, Real delta, double before, double after,
+                                double left) const {
+  if (!sink_.between_samples) return t;
+  const double share = std::log(left / before) / std::log(after / before);
+  return std::isfinite(share) ? t + (static_cast<Real>(share) - 0.5_r) * delta : t;
+}
+
+bool GridIntegrator::is_apart(const Way& way, Real t, Real delta, Real weight) {
+  return way.front < 0 || (weight > kFaint && t - 1.5_r * delta > way.back);
+}
+
+void GridIntegrator::begin_stretch(Way& way, Real t, Real delta, double transmittance) {
+  way.front = std::max(t - 0.5_r * delta, way.back);
+  way.back = std::max(t + 0.5_r * delta, way.front);
+  way.before = transmittance;
+}
+
+void GridIntegrator::close_stretch(Way& way, double transmittance) {
+  if (way.front < 0) return;
+  DeepSample& sample = sink_.deep[way.place].emplace_back();
+  sample.front = static_cast<Real>(way.start + way.front);
+  sample.back = static_cast<Real>(way.start + way.back);
+  sample.weight = static_cast<Real>(way.before - transmittance);
+  way.front = -1;
+}
+
+void GridIntegrator::add_shaded(size_t w, Real shared, double transmittance) {
+  Way& way = ways_[w];
+  if (has_deep_) close_stretch(way, transmittance);
   if (!(shared > 0)) return;
   if (shaded_ == kChunkSamples) shade();
   const bool same_ray =
@@ -220,6 +277,7 @@ void GridIntegrator::add_shaded(size_t w, Real shared) {
   }
   shaded_place_[static_cast<size_t>(shaded_)] = way.place;
   shaded_weight_[static_cast<size_t>(shaded_)] = shared;
+  if (has_deep_) shaded_stretch_[static_cast<size_t>(shaded_)] = sink_.deep[way.place].size() - 1;
   ++shaded_;
 }
 
@@ -242,6 +300,12 @@ void GridIntegrator::shade() {
     for (size_t k = 0; k < 3; ++k)
       sink_.rgb[3 * place + k] +=
           shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+    if (has_deep_) {
+      DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
+      for (size_t k = 0; k < 3; ++k)
+        stretch.rgb[k] =
+            shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+    }
   }
   shaded_ = shaded_rays_ = 0;
 }

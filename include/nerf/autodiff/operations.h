@@ -67,6 +67,11 @@ Value repeat_for(Tape& tape, Value x, Domain domain);
 // zeros where the index is below 0. A code for each photo (Bojanowski et al. 2018).
 Value table_rows(Tape& tape, Value index, const LinearWeights& w);
 
+// screw [6 x n], a rotation vector w above a velocity v; x [3 x n] -> [3 x n]: R x + G v, each
+// point moved by the screw of its own, the exponential of a rigid motion (Park et al. 2021,
+// equations 5 to 7). Exact and smooth at any angle |w|, 0 too; the angle's size is not limited.
+Value rigid_motion(Tape& tape, Value screw, Value x);
+
 // Spherical harmonics of the unit directions [3 x rays]: [16 x rays], or repeated for what belongs
 // to a ray, [16 x samples] or [16 x groups].
 Value view_code(Tape& tape, Value directions, Domain domain = Domain::kSamples);

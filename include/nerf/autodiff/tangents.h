@@ -43,6 +43,7 @@ WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<con
 // of the weights that the forward pass found.
 WithTangents frequency_encoding(Tape& tape, const WithTangents& x, const FrequencyWeights& weights,
                                 bool identity);
+WithTangents rigid_motion(Tape& tape, const WithTangents& screw, const WithTangents& x);
 // [d x rays] -> [d x samples], tangents too: a ray's column for each of its samples.
 WithTangents repeat_for_samples(Tape& tape, const WithTangents& x);
 
