@@ -78,7 +78,8 @@ bool has_format(const fs::path& path, SceneFormat format) {
     case SceneFormat::kColmap:
       return folder && !find_colmap_models(path).empty();
     case SceneFormat::kTransforms:
-      return folder ? path_exists(path / "transforms.json") || is_phone_scan(path)
+      return folder ? path_exists(path / "transforms.json") ||
+                          (is_phone_scan(path) && !is_nerfies_scene(path))
                     : path.extension() == ".json";
     case SceneFormat::kLlff:
       return folder && path_exists(path / "poses_bounds.npy");

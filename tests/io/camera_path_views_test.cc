@@ -2,6 +2,7 @@
 // leave little to go by.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "nerf/base/error.h"

@@ -83,6 +83,7 @@ TEST_F(Nerfies, LoadsAsAScene) {
   const Scene scene = load_scene(folder_.path());
   EXPECT_EQ(scene.options.format, SceneFormat::kNerfies);
   EXPECT_EQ(scene.report.format, "Nerfies");
+  EXPECT_TRUE(scene.report.ignored.empty()) << scene.report.ignored[0];
   ASSERT_EQ(scene.views.size(), 2u * kMoments);
   for (size_t v = 0; v < scene.views.size(); ++v) {
     const View& view = scene.views[v];

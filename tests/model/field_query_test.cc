@@ -206,6 +206,9 @@ TEST(FieldQuery, ATranslationLeadsToThePlaceOfAStillField) {
 
 TEST(FieldQuery, AMovingFieldDependsOnTime) {
   const auto field = some_grid(true, 16, some_motion(WarpKind::kSe3));
+  EXPECT_TRUE(field->moves());
+  EXPECT_FALSE(some_grid(true, 16)->moves());
+  EXPECT_FALSE(some_network(Space::kIdentity, Encoding::kFrequency)->moves());
   const auto at = some_points(8, 0.9, 11);
   std::vector<Real> early(8), late(8);
   const auto query = field->query(nullptr);
