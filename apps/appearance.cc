@@ -8,6 +8,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/nearest_name.h"
+#include "nerf/math/srgb.h"
 #include "nerf/model/field.h"
 
 namespace nerf::apps {
@@ -46,13 +47,6 @@ int photo_of(const std::string& name, const CodeBooks& books) {
               nearest_name_hint(name, books.photos));
 }
 
-Real to_linear(Real x) {
-  return x <= 0.04045_r ? x / 12.92_r : std::pow((x + 0.055_r) / 1.055_r, 2.4_r);
-}
-Real from_linear(Real x) {
-  return x <= 0.0031308_r ? x * 12.92_r : 1.055_r * std::pow(x, 1 / 2.4_r) - 0.055_r;
-}
-
 }  // namespace
 
 void give_appearance(const std::string& text, const RadianceField& field, RenderPlan& plan) {
@@ -86,7 +80,7 @@ void change_exposure(double stops, std::span<Real> rgb) {
   if (stops == 0) return;
   const Real factor = static_cast<Real>(std::exp2(stops));
   for (Real& x : rgb)
-    x = std::clamp(from_linear(factor * to_linear(std::max(x, 0.0_r))), 0.0_r, 1.0_r);
+    x = std::clamp(linear_to_srgb(factor * srgb_to_linear(std::max(x, 0.0_r))), 0.0_r, 1.0_r);
 }
 
 }  // namespace nerf::apps

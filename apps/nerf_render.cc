@@ -3,6 +3,7 @@
 
 #include "app.h"
 #include "appearance.h"
+#include "layer_files.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
@@ -34,7 +35,7 @@ void make_video(const RenderCommand& command, const RenderedFiles& files, double
   video.frames_per_second = fps;
   video.cancel = &cancel;
   video.progress = [&](int done, int total) { progress.update(static_cast<double>(done) / total); };
-  write_video(command.mp4, files.color, video);
+  write_video(command.mp4, files.film.empty() ? files.color : files.film, video);
   progress.finish();
   log_info(fmt::format("video at {:g} frames per second: {}", fps, command.mp4.string()));
 }
@@ -70,12 +71,15 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes(),
-                                     {density_of(field, pool), field.shows_background()});
+  RenderPlan plan = make_render_plan(
+      command, field.info(), available_memory_bytes(),
+      {density_of(field, pool), field.shows_background(), has_times(field.info())});
   for (const std::string& note : plan.notes) log_warning(note);
   give_appearance(command.appearance, field, plan);
   if (!command.mp4.empty()) check_video(command.mp4);
   make_writable_folder(command.out);
+  const LayerFiles layers(command.layers, command.exposure, field.info());
+  layers.begin(command.out);
   bake(field, plan, pool, stop.cancel());
 
   RenderOptions options;
@@ -83,13 +87,21 @@ int render_main(int argc, char** argv) {
   options.bbox = command.bbox;
   options.precision = command.precision;
   options.supersample = command.supersample;
+  if (layers.wanted()) options.layers = layers.layers();
+  if (command.depth && command.look.depth_map == DepthLook::kNormal) {
+    if (!options.layers) options.layers.emplace();
+    options.layers->normal = true;
+  }
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
                                         const PlannedFrame& frame, bool preview,
                                         const std::function<void(double)>& progress) {
     RenderOptions own = options;
     own.time = static_cast<Real>(frame.time);
     own.appearance = frame.appearance;
-    if (preview) own.supersample = 1;
+    if (preview) {
+      own.supersample = 1;
+      own.layers.reset();
+    }
     Frame picture = render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
     change_exposure(command.exposure, picture.rgb);
     return picture;
@@ -102,7 +114,13 @@ int render_main(int argc, char** argv) {
                     "(--supersample 1 takes one, faster)",
                     rays, rays));
   Progress progress("rendering");
-  const RenderedFiles files = render_frames(plan, command.out, render_one, progress, stop.cancel());
+  FrameWriter write_layers;
+  if (layers.wanted())
+    write_layers = [&](const PlannedFrame& planned, const Frame& frame) {
+      layers.write(command.out, plan, planned, frame);
+    };
+  const RenderedFiles files =
+      render_frames(plan, command.out, render_one, progress, stop.cancel(), write_layers);
   progress.finish();
 
   const std::string folder = command.out.string();
@@ -115,9 +133,10 @@ int render_main(int argc, char** argv) {
   log_info(fmt::format("{} frames in {}, {:.2f} s each: {}", files.color.size(),
                        format_duration(seconds), seconds / static_cast<double>(files.color.size()),
                        folder));
+  const auto ends = ends_of(command.look.depth_map);
   if (command.depth && !files.depth.empty())
-    log_info(fmt::format("depth from {:.4g} (red) to {:.4g} (blue), input unit: {}",
-                         files.depth.near, files.depth.far, (command.out / "depth").string()));
+    log_info(fmt::format("depth from {:.4g} ({}) to {:.4g} ({}), input unit: {}", files.depth.near,
+                         ends[0], files.depth.far, ends[1], (command.out / "depth").string()));
   if (!command.mp4.empty()) make_video(command, files, plan.fps, stop.cancel());
   return kExitOk;
 }

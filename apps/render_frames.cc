@@ -8,6 +8,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/io/depth_legend.h"
 #include "nerf/io/image.h"
 
 namespace nerf::apps {
@@ -67,15 +68,20 @@ class Folders {
 }  // namespace
 
 RenderedFiles render_frames(const RenderPlan& plan, const fs::path& out,
-                            const RenderFunction& render, Progress& progress,
-                            const Cancel& cancel) {
+                            const RenderFunction& render, Progress& progress, const Cancel& cancel,
+                            const FrameWriter& more) {
   RenderedFiles files;
   Folders folders;
   folders.make(out);
   const auto count = static_cast<double>(plan.frames.size());
   try {
     const bool depth = !plan.frames.empty() && !plan.frames.front().depth.empty();
-    if (depth) files.depth = preview_depth(plan, render);
+    const bool ranged = depth && plan.look.depth_map != DepthLook::kNormal;
+    if (ranged) files.depth = preview_depth(plan, render);
+    const auto finished = [&](const Image8& image) {
+      return ranged && plan.look.depth_legend ? with_legend(image, files.depth, plan.look.depth_map)
+                                              : image;
+    };
     for (size_t i = 0; i < plan.frames.size(); ++i) {
       if (cancel.requested()) throw Cancelled();
       const PlannedFrame& frame = plan.frames[i];
@@ -83,14 +89,22 @@ RenderedFiles render_frames(const RenderPlan& plan, const fs::path& out,
       const Frame picture = draw(plan, frame, render, 0, [&](double fraction) {
         progress.update((static_cast<double>(i) + fraction) / count, text);
       });
+      const Image8 color = to_8bit({picture.width, picture.height, 3, picture.rgb});
       if (depth) {
+        const Image8 depths = depth_picture(plan.look, picture, frame.camera_to_world, files.depth);
         folders.make((out / frame.depth).parent_path());
-        write_image(out / frame.depth, depth_image(picture.width, picture.height, picture.depth_z,
-                                                   picture.alpha, files.depth));
+        write_image(out / frame.depth, finished(depths));
+        if (!frame.film.empty()) {
+          const double position = count > 1 ? static_cast<double>(i) / (count - 1) : 0;
+          folders.make((out / frame.film).parent_path());
+          write_image(out / frame.film,
+                      finished(film_picture(plan.look.film, color, depths, position)));
+          files.film.push_back(out / frame.film);
+        }
       }
+      if (more) more(frame, picture);
       folders.make((out / frame.color).parent_path());
-      const ImageF color{picture.width, picture.height, 3, picture.rgb};
-      write_image(out / frame.color, to_8bit(color));
+      write_image(out / frame.color, color);
       files.color.push_back(out / frame.color);
       progress.update(static_cast<double>(i + 1) / count, text);
     }

@@ -21,15 +21,20 @@ using RenderFunction = std::function<Frame(const Camera& camera, const Pose& cam
 
 struct RenderedFiles {
   std::vector<std::filesystem::path> color;  // written, whole, in the plan's order
+  std::vector<std::filesystem::path> film;   // frames of a film that does not show these
   DepthRange depth;                          // ends of the depth pictures' colours, input unit
   bool cancelled = false;
 };
+
+// More files of a frame, written before its colours.
+using FrameWriter = std::function<void(const PlannedFrame& planned, const Frame& frame)>;
 
 // Writes every frame's pictures below `out`, each whole or not at all. All depth pictures have the
 // same colours for the same depth: the range comes from a few of the views, rendered small first.
 // Once `cancel` is requested the frame in work is dropped and what is there is returned. Throws
 // Error where a file cannot be written.
 RenderedFiles render_frames(const RenderPlan& plan, const std::filesystem::path& out,
-                            const RenderFunction& render, Progress& progress, const Cancel& cancel);
+                            const RenderFunction& render, Progress& progress, const Cancel& cancel,
+                            const FrameWriter& more = {});
 
 }  // namespace nerf::apps

@@ -12,6 +12,7 @@
 #include "nerf/base/text.h"
 #include "nerf/io/camera_path.h"
 #include "nerf/math/camera_paths.h"
+#include "render_times.h"
 
 namespace nerf::apps {
 namespace {
@@ -24,10 +25,13 @@ constexpr int kPanoramaHeight = 1024;  // of one eye's picture
 // Per pixel, at the peak: five numbers of the frame, two 8-bit pictures, the encoder's copy, the
 // sorted depths.
 constexpr uint64_t kBytesPerPixel = 8 * sizeof(Real) + 32;
+// Layers as drawn and as encoded, and a dozen deep samples likewise.
+constexpr uint64_t kLayerBytesPerPixel = 64 * sizeof(Real), kDeepBytesPerPixel = 1000;
 
 struct Views {
   CameraPath path;
   bool photos = false;  // the cameras are those of photos, with their lenses
+  bool file = false;    // a file says the poses and how fast they follow each other
 };
 
 // Frames of another kind than the path's own; panoramas, in their usual size.
@@ -56,23 +60,24 @@ void level(const Similarity& to_engine, CameraPath& path) {
   }
 }
 
-Views find_views(const RenderCommand& command, const ModelInfo& info,
-                 const PathOptions::Density& density) {
+// What --views names; a frozen camera's film has a length of its own.
+Views named_views(const RenderCommand& command, const ModelInfo& info, const ModelAnswers& model) {
   const auto kinds = option_names(PathKind{});
   const auto kind = std::find_if(kinds.begin(), kinds.end(),
                                  [&](const auto& entry) { return command.views == entry.name; });
   if (!command.path_transform.empty() && kind != kinds.end())
     throw Error("--path-transform is for camera path files", "--path-transform", "leave it out");
   Views views;
-  views.photos =
-      kind != kinds.end() && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
-  if (command.frames && (views.photos || kind == kinds.end()))
+  views.file = kind == kinds.end();
+  views.photos = !views.file && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
+  const bool stands = !command.freeze_camera.empty();
+  if (command.frames && !stands && (views.photos || views.file))
     throw Error("--frames is for orbit, spiral, spherified, ellipse and interpolate", "--frames",
                 "leave it out: these views have a number of their own");
-  if (kind != kinds.end()) {
+  if (!views.file) {
     PathOptions options;
-    options.frames = command.frames.value_or(kDefaultFrames);
-    options.density = density;
+    options.frames = stands ? kDefaultFrames : command.frames.value_or(kDefaultFrames);
+    options.density = model.density;
     views.path = make_camera_path(info, kind->value, options);
   } else if (command.views.ends_with(".json") || fs::exists(command.views)) {
     views.path = read_camera_path(command.views, info, command.path_transform);
@@ -83,14 +88,32 @@ Views find_views(const RenderCommand& command, const ModelInfo& info,
     throw Error("'" + command.views + "' is neither a known kind of views nor a file", "--views",
                 nearest_name_hint(command.views, names));
   }
+  return views;
+}
+
+Views find_views(const RenderCommand& command, const ModelInfo& info, const ModelAnswers& model) {
+  Views views;
+  if (command.freeze_camera.empty()) {
+    views = named_views(command, info, model);
+  } else if (const auto photo = photo_frame(command.freeze_camera, info)) {
+    views.path.frames = {*photo};
+    views.photos = true;
+  } else {
+    views = named_views(command, info, model);
+    views.path.frames = {numbered_frame(command.freeze_camera, views.path)};
+  }
+  const bool stands = !command.freeze_camera.empty();
+  if (stands) views.path.frames = film_of(views.path.frames.front(), command.frames, info);
+  set_times(command, info, model.moves, views.path);
+  if (!views.file || stands)
+    views.path.fps = capture_speed(info, views.path).value_or(views.path.fps);
   if (command.fps) views.path.fps = *command.fps;
   if (command.camera && views.photos)
     throw Error("--camera is for generated paths and camera path files", "--camera",
                 "leave it out: these views have their photos' cameras");
   const PictureKind picture = command.camera.value_or(views.path.picture);
   if (picture != views.path.picture) change_picture(picture, views.path);
-  if (picture != PictureKind::kPerspective && kind != kinds.end())
-    level(info.to_engine, views.path);
+  if (picture != PictureKind::kPerspective && !views.file) level(info.to_engine, views.path);
   return views;
 }
 
@@ -118,10 +141,13 @@ Camera sized(const RenderCommand& command, const Camera& camera, bool photo) {
   return resized(camera, divided(camera.width), divided(camera.height), true);
 }
 
-void check_size(const Camera& camera, PictureKind picture, uint64_t memory_bytes) {
+void check_size(const RenderCommand& command, const Camera& camera, PictureKind picture,
+                uint64_t memory_bytes) {
   const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
   // Both eyes' pictures stand beside the joined one.
-  const uint64_t bytes = (is_stereo(picture) ? 3 : 1) * pixels * kBytesPerPixel;
+  const uint64_t bytes = (is_stereo(picture) ? 3 : 1) * pixels *
+                         (kBytesPerPixel + (command.layers.aov.empty() ? 0 : kLayerBytesPerPixel) +
+                          (command.layers.deep ? kDeepBytesPerPixel : 0));
   if (bytes <= memory_bytes) return;
   throw Error(fmt::format("a picture of {}x{} needs {:.1f} GB of memory, and {:.1f} GB are there",
                           camera.width, camera.height, static_cast<double>(bytes) * 1e-9,
@@ -164,11 +190,12 @@ fs::path picture_file(const std::string& view_name) {
 
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
                             uint64_t memory_bytes, const ModelAnswers& model) {
-  const Views views = find_views(command, info, model.density);
+  const Views views = find_views(command, info, model);
   RenderPlan plan;
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;
   plan.picture = views.path.picture;
+  plan.look = command.look;
   const bool stereo = is_stereo(plan.picture);
   if (command.ipd && !stereo)
     throw Error("--ipd is for pictures of two eyes", "--ipd", "give --camera ods or vr180 too");
@@ -196,7 +223,7 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
       frame.camera_to_world = left.camera_to_world;
       frame.right = right_eye(plan.picture, middle, ipd);
     }
-    check_size(frame.camera, plan.picture, memory_bytes);
+    check_size(command, frame.camera, plan.picture, memory_bytes);
     const double aspect = static_cast<double>(frame.camera.width) * view.camera.height /
                           (static_cast<double>(frame.camera.height) * view.camera.width);
     stretched |= command.size && views.photos && std::abs(aspect - 1) > 0.02;
@@ -213,6 +240,8 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
     plan.notes.emplace_back("--size has other proportions than the photos: pictures are stretched");
   if (command.depth)
     for (PlannedFrame& frame : plan.frames) frame.depth = unused("depth" / frame.color, used);
+  if (command.look.film != FilmKind::kColour)
+    for (PlannedFrame& frame : plan.frames) frame.film = unused("film" / frame.color, used);
   if (!command.mp4.empty())
     for (const PlannedFrame& frame : plan.frames)
       if (frame.camera.width != plan.frames[0].camera.width ||

@@ -18,8 +18,9 @@ Eye eye_at(PictureKind picture, const Eye& middle, double right) {
 }
 
 // Copies rows of `values` numbers a pixel to where the eye's picture stands.
-void place(const std::vector<Real>& from, int width, int height, size_t values, size_t first,
-           size_t stride, std::vector<Real>& to) {
+template <class T>
+void place(const std::vector<T>& from, int width, int height, size_t values, size_t first,
+           size_t stride, std::vector<T>& to) {
   const size_t row = static_cast<size_t>(width) * values;
   for (size_t y = 0; y < static_cast<size_t>(height); ++y)
     std::copy_n(from.data() + y * row, row, to.data() + (first + y * stride) * values);
@@ -49,6 +50,15 @@ Frame join_eyes(PictureKind picture, const Frame& left, const Frame& right) {
     place(eye->alpha, eye->width, eye->height, 1, first, stride, out.alpha);
     place(eye->depth_z, eye->width, eye->height, 1, first, stride, out.depth_z);
     out.statistics += eye->statistics;
+    for (const auto& [values, per_pixel] : kLayerArrays) {
+      const std::vector<Real>& from = eye->layers.*values;
+      std::vector<Real>& to = out.layers.*values;
+      to.resize(2 * from.size());
+      if (!from.empty()) place(from, eye->width, eye->height, per_pixel, first, stride, to);
+    }
+    out.layers.deep.resize(2 * eye->layers.deep.size());
+    if (!eye->layers.deep.empty())
+      place(eye->layers.deep, eye->width, eye->height, 1, first, stride, out.layers.deep);
   }
   return out;
 }

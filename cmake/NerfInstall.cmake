@@ -25,5 +25,6 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/nerfConfigVersion.cmake
 install(FILES ${PROJECT_BINARY_DIR}/nerfConfig.cmake ${PROJECT_BINARY_DIR}/nerfConfigVersion.cmake
               ${CMAKE_CURRENT_LIST_DIR}/FindHWY.cmake
               ${CMAKE_CURRENT_LIST_DIR}/FindOpenImageIO.cmake
+              ${CMAKE_CURRENT_LIST_DIR}/FindOpenEXR.cmake
         DESTINATION ${NERF_CMAKE_DIR})
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})

@@ -14,11 +14,31 @@ bool has_depth(Real depth, Real alpha) {
   return depth > 0 && std::isfinite(depth) && alpha > 0 && std::isfinite(alpha);
 }
 
+constexpr int kKnots = 18;
+
+Vec3 between(const Real (&table)[kKnots][3], Real x) {
+  const Real place = (x >= 0 ? std::min(x, 1.0_r) : 0.0_r) * (kKnots - 1);
+  const int below = std::min(static_cast<int>(place), kKnots - 2);
+  const Real u = place - static_cast<Real>(below);
+  Vec3 color;
+  for (int c = 0; c < 3; ++c) color[c] = table[below][c] * (1 - u) + table[below + 1][c] * u;
+  return color;
+}
+
+Image8 black(int width, int height) {
+  const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+  return {width, height, 3, std::vector<uint8_t>(3 * pixels)};
+}
+
+void put(const Vec3& color, Real alpha, uint8_t* pixel) {
+  const Vec3 over_black = color * std::min(alpha, 1.0_r);
+  for (int c = 0; c < 3; ++c) pixel[c] = static_cast<uint8_t>(std::lround(over_black[c] * 255.0_r));
+}
+
 }  // namespace
 
 Vec3 turbo_color(Real x) {
   // Entries 0, 15, 30, ..., 255 of the published table of 256.
-  constexpr int kKnots = 18;
   constexpr Real kTable[kKnots][3] = {
       {0.18995_r, 0.07176_r, 0.23217_r}, {0.24830_r, 0.24143_r, 0.61286_r},
       {0.27509_r, 0.40072_r, 0.86692_r}, {0.26878_r, 0.54995_r, 0.99303_r},
@@ -29,12 +49,29 @@ Vec3 turbo_color(Real x) {
       {0.99654_r, 0.63193_r, 0.18738_r}, {0.97545_r, 0.45740_r, 0.11305_r},
       {0.91024_r, 0.29599_r, 0.04814_r}, {0.80799_r, 0.17753_r, 0.01660_r},
       {0.66449_r, 0.08436_r, 0.00424_r}, {0.47960_r, 0.01583_r, 0.01055_r}};
-  const Real place = (x >= 0 ? std::min(x, 1.0_r) : 0.0_r) * (kKnots - 1);
-  const int below = std::min(static_cast<int>(place), kKnots - 2);
-  const Real u = place - static_cast<Real>(below);
-  Vec3 color;
-  for (int c = 0; c < 3; ++c) color[c] = kTable[below][c] * (1 - u) + kTable[below + 1][c] * u;
-  return color;
+  return between(kTable, x);
+}
+
+Vec3 viridis_color(Real x) {
+  // Likewise.
+  constexpr Real kTable[kKnots][3] = {
+      {0.267004_r, 0.004874_r, 0.329415_r}, {0.281924_r, 0.089666_r, 0.412415_r},
+      {0.280255_r, 0.165693_r, 0.476498_r}, {0.263663_r, 0.237631_r, 0.518762_r},
+      {0.237441_r, 0.305202_r, 0.541921_r}, {0.208623_r, 0.367752_r, 0.552675_r},
+      {0.182256_r, 0.426184_r, 0.557120_r}, {0.159194_r, 0.482237_r, 0.558073_r},
+      {0.137770_r, 0.537492_r, 0.554906_r}, {0.121148_r, 0.592739_r, 0.544641_r},
+      {0.128087_r, 0.647749_r, 0.523491_r}, {0.180653_r, 0.701402_r, 0.488189_r},
+      {0.274149_r, 0.751988_r, 0.436601_r}, {0.395174_r, 0.797475_r, 0.367757_r},
+      {0.535621_r, 0.835785_r, 0.281908_r}, {0.688944_r, 0.865448_r, 0.182725_r},
+      {0.845561_r, 0.887322_r, 0.099702_r}, {0.993248_r, 0.906157_r, 0.143936_r}};
+  return between(kTable, x);
+}
+
+Vec3 depth_color(DepthLook map, Real x) {
+  if (map == DepthLook::kTurbo) return turbo_color(x);
+  if (map == DepthLook::kViridis) return viridis_color(x);
+  const Real grey = x >= 0 ? std::min(x, 1.0_r) : 0.0_r;
+  return {grey, grey, grey};
 }
 
 DepthRange depth_range(std::span<const Real> depth, std::span<const Real> alpha, double low,
@@ -77,15 +114,11 @@ DepthRange merged(std::span<const DepthRange> ranges) {
 }
 
 Image8 depth_image(int width, int height, std::span<const Real> depth, std::span<const Real> alpha,
-                   const DepthRange& range) {
-  const size_t pixels = static_cast<size_t>(width) * static_cast<size_t>(height);
+                   const DepthRange& range, DepthLook map) {
+  Image8 image = black(width, height);
+  const size_t pixels = image.pixels.size() / 3;
   NERF_CHECK_EQ(depth.size(), pixels);
   NERF_CHECK_EQ(alpha.size(), pixels);
-  Image8 image;
-  image.width = width;
-  image.height = height;
-  image.channels = 3;
-  image.pixels.assign(3 * pixels, 0);
   if (range.empty()) return image;
   const double lowest = 1 / range.far;
   const double span = 1 / std::max(range.near, 1e-12) - lowest;
@@ -93,10 +126,20 @@ Image8 depth_image(int width, int height, std::span<const Real> depth, std::span
     if (!has_depth(depth[i], alpha[i])) continue;
     // A flat scene has no span: all of it is near.
     const double x = span > 0 ? (1 / static_cast<double>(depth[i]) - lowest) / span : 1.0;
-    const Vec3 color = turbo_color(static_cast<Real>(x)) * std::min(alpha[i], 1.0_r);
-    for (int c = 0; c < 3; ++c)
-      image.pixels[3 * i + static_cast<size_t>(c)] =
-          static_cast<uint8_t>(std::lround(color[c] * 255.0_r));
+    put(depth_color(map, static_cast<Real>(x)), alpha[i], image.pixels.data() + 3 * i);
+  }
+  return image;
+}
+
+Image8 normal_image(int width, int height, std::span<const Real> normals,
+                    std::span<const Real> alpha) {
+  Image8 image = black(width, height);
+  NERF_CHECK_EQ(normals.size(), image.pixels.size());
+  NERF_CHECK_EQ(3 * alpha.size(), image.pixels.size());
+  for (size_t i = 0; i < alpha.size(); ++i) {
+    const Vec3 n{normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]};
+    if (n == Vec3() || !(alpha[i] > 0)) continue;
+    put((n + Vec3{1, 1, 1}) * 0.5_r, alpha[i], image.pixels.data() + 3 * i);
   }
   return image;
 }

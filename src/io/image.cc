@@ -4,6 +4,7 @@
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
+#include <type_traits>
 
 #include "image_decode.h"
 #include "nerf/base/error.h"
@@ -26,8 +27,11 @@ std::string writer_for(const fs::path& path) {
 }
 
 // Encoded in memory, so that what reaches the disk is one plain write with a plain errno.
+template <class Image>
 std::vector<unsigned char> encode(const std::string& format, const fs::path& path,
-                                  const Image8& image) {
+                                  const Image& image) {
+  constexpr bool kDeep = std::is_same_v<Image, Image16>;
+  constexpr auto kType = kDeep ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
   // Before the writer, which may still write when it is closed by its destructor.
   std::vector<unsigned char> bytes;
   OIIO::Filesystem::IOVecOutput sink(bytes);
@@ -35,14 +39,15 @@ std::vector<unsigned char> encode(const std::string& format, const fs::path& pat
   if (!out) throw Error("cannot write: " + OIIO::geterror(), path.string());
   const int channels =
       format == "jpeg" && image.channels % 2 == 0 ? image.channels - 1 : image.channels;
-  OIIO::ImageSpec spec(image.width, image.height, channels, OIIO::TypeDesc::UINT8);
+  OIIO::ImageSpec spec(image.width, image.height, channels, kType);
   if (channels % 2 == 0) {
     spec.alpha_channel = channels - 1;
     spec.attribute("oiio:UnassociatedAlpha", 1);
   }
   if (format == "jpeg") spec.attribute("Compression", "jpeg:95");
   if (!out->set_ioproxy(&sink) || !out->open(path.string(), spec) ||
-      !out->write_image(OIIO::TypeDesc::UINT8, image.pixels.data(), image.channels) ||
+      !out->write_image(kType, image.pixels.data(),
+                        image.channels * static_cast<int>(sizeof(image.pixels[0]))) ||
       !out->close()) {
     throw Error("cannot write: " + out->geterror(), path.string());
   }
@@ -89,8 +94,10 @@ Image8 to_8bit(const ImageF& image) {
   return result;
 }
 
-void write_image(const fs::path& path, const Image8& image) {
-  const std::string format = writer_for(path);
+namespace {
+
+template <class Image>
+void write_encoded(const fs::path& path, const std::string& format, const Image& image) {
   NERF_CHECK_GT(image.width, 0);
   NERF_CHECK_GT(image.height, 0);
   NERF_CHECK(image.channels >= 1 && image.channels <= 4);
@@ -98,6 +105,18 @@ void write_image(const fs::path& path, const Image8& image) {
                                          static_cast<size_t>(image.height) *
                                          static_cast<size_t>(image.channels));
   write_file_atomically(path, std::span<const uint8_t>(encode(format, path, image)));
+}
+
+}  // namespace
+
+void write_image(const fs::path& path, const Image8& image) {
+  write_encoded(path, writer_for(path), image);
+}
+
+void write_image(const fs::path& path, const Image16& image) {
+  const std::string format = writer_for(path);
+  if (format != "png") throw Error("only PNG holds 16 bits", path.string(), "use .png");
+  write_encoded(path, format, image);
 }
 
 }  // namespace nerf

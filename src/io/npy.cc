@@ -1,7 +1,9 @@
 #include "npy.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <algorithm>
 #include <bit>
 #include <charconv>
 #include <cmath>
@@ -109,6 +111,26 @@ NpyArray read_npy(const std::filesystem::path& path) {
     out.values.push_back(number(bytes.data() + data + i * width, width, out.integers));
   }
   return out;
+}
+
+void write_npy(const std::filesystem::path& path, std::span<const size_t> shape,
+               std::span<const Real> values) {
+  std::string text = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({},), }}",
+                                 fmt::join(shape, ", "));
+  // The header ends in a line break, and the numbers begin at a multiple of 64.
+  text.append(63 - (kPrefix + text.size()) % 64, ' ');
+  text += '\n';
+  std::vector<uint8_t> bytes(kPrefix + text.size() + values.size() * sizeof(float));
+  std::memcpy(bytes.data(), "\x93NUMPY\x01\x00", 8);
+  bytes[8] = static_cast<uint8_t>(text.size() & 0xff);
+  bytes[9] = static_cast<uint8_t>(text.size() >> 8);
+  std::ranges::copy(text, bytes.begin() + kPrefix);
+  uint8_t* at = bytes.data() + kPrefix + text.size();
+  for (const Real v : values) {
+    const uint32_t bits = std::bit_cast<uint32_t>(static_cast<float>(v));
+    for (int k = 0; k < 4; ++k) *at++ = static_cast<uint8_t>(bits >> 8 * k);
+  }
+  write_file_atomically(path, std::span<const uint8_t>(bytes));
 }
 
 }  // namespace nerf::internal

@@ -2,7 +2,10 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
 #include <vector>
+
+#include "nerf/base/real.h"
 
 namespace nerf::internal {
 
@@ -15,5 +18,9 @@ struct NpyArray {
 // Little-endian floats of 16, 32 and 64 bits and unsigned integers of 16 and 32, in C order. Throws
 // Error for anything else, for damaged headers and for files whose length is not that of the array.
 NpyArray read_npy(const std::filesystem::path& path);
+
+// Little-endian float32 in version 1, row by row; whole or not at all. Throws Error.
+void write_npy(const std::filesystem::path& path, std::span<const size_t> shape,
+               std::span<const Real> values);
 
 }  // namespace nerf::internal

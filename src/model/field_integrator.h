@@ -4,10 +4,12 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "model/oblique_box.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/ray.h"
+#include "nerf/model/layers.h"
 #include "nerf/model/renderer.h"
 
 namespace nerf {
@@ -25,6 +27,10 @@ struct RaySink {
   Real *mean = nullptr, *variance = nullptr;
   Real *near = nullptr, *far = nullptr;
   int32_t* samples = nullptr;
+  std::vector<DeepSample>* deep = nullptr;
+  // Median and percentiles lie between samples, as if each interval had one density, and not at
+  // the sample behind which so much light is stopped.
+  bool between_samples = false;
 };
 
 inline constexpr double kNearShare = 0.05, kFarShare = 0.95;  // of the light, stopped

@@ -41,14 +41,6 @@ uint64_t values_between(int in, int hidden, int hidden_layers, int out) {
   return static_cast<uint64_t>(in + 2 * hidden_layers * hidden + out);
 }
 
-void xavier_uniform(const LinearWeights& w, Random random, Real* weights) {
-  const Real bound = std::sqrt(6.0_r / static_cast<Real>(w.in + w.out));
-  for (int j = 0; j < w.out; ++j)
-    for (int k = 0; k < w.in; ++k)
-      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
-          bound * (2 * random.uniform() - 1);
-}
-
 }  // namespace
 
 // Finer cells place the samples of a thin surface better, but one in an unbounded scene has too
@@ -143,8 +135,8 @@ void GridField::initialise(uint64_t seed) {
   uint64_t layer = 0;
   for (const auto* layers : {&density_layers, &colour_layers})
     for (const LinearWeights& w : *layers)
-      xavier_uniform(w, Random(seed, random_key(RandomStream::kFirstNetworks), layer++),
-                     weights.data());
+      draw_weights(w, xavier_bound(w),
+                   Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights.data());
   motion.initialise(seed, layer, weights.data());
 }
 

@@ -11,13 +11,15 @@ namespace nerf::internal {
 namespace {
 
 SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
-  SamplerOptions s = field.options.sampler;
-  s.min_transmittance = options.min_transmittance;
+  SamplerOptions s = field.sampler();
+  if (field.motion.empty()) s.min_transmittance = options.min_transmittance;
   s.samples_per_cell *= options.sample_factor;
   s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
   s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
   return s;
 }
+
+constexpr Real kFaint = 1e-4_r;  // so little light says nothing of where matter begins and ends
 
 // Adds n features of a sample of weight w to its ray's.
 inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __restrict sums) {
@@ -57,6 +59,7 @@ void GridIntegrator::begin(const RaySink& sink) {
   sink_ = sink;
   has_moments_ = sink.mean || sink.variance;
   has_percentiles_ = sink.near || sink.far;
+  has_deep_ = sink.deep != nullptr;
   ways_.clear();
   t_.clear();
   delta_.clear();
@@ -182,12 +185,18 @@ void GridIntegrator::composite(int part) {
   for (int i = begin; i < end; ++i) {
     const double alpha = alphas_[static_cast<size_t>(i)];
     const Real weight = static_cast<Real>(transmittance * alpha);
+    if (has_deep_ && alpha > 0 && is_apart(way, t[i], delta_row_[i], weight)) {
+      add_shaded(w, shared, transmittance);
+      shared = 0;
+      begin_stretch(way, t[i], delta_row_[i], transmittance);
+    }
     if (unshaded + weight <= options_.unshaded) {
       unshaded += weight;
     } else {
       if (shared + weight > options_.shared_colour) {
-        add_shaded(w, shared);
+        add_shaded(w, shared, transmittance);
         shared = 0;
+        if (has_deep_) begin_stretch(way, t[i], delta_row_[i], transmittance);
       }
       shared += weight;
       add_weighted(features, weight, geometry_.data() + static_cast<size_t>(i) * features, sums);
@@ -198,11 +207,16 @@ void GridIntegrator::composite(int part) {
       way.first_moment += light * distance;
       way.second_moment += light * distance * distance;
     }
+    if (has_deep_ && weight > kFaint) way.back = std::max(way.back, t[i] + 0.5_r * delta_row_[i]);
+    const double before = transmittance;
     transmittance *= 1 - alpha;
-    if (way.median < 0 && transmittance <= 0.5) way.median = t[i];
+    if (way.median < 0 && transmittance <= 0.5)
+      way.median = stopped_at(t[i], delta_row_[i], before, transmittance, 0.5);
     if (has_percentiles_) {
-      if (way.near < 0 && transmittance <= 1 - kNearShare) way.near = t[i];
-      if (way.far < 0 && transmittance <= 1 - kFarShare) way.far = t[i];
+      if (way.near < 0 && transmittance <= 1 - kNearShare)
+        way.near = stopped_at(t[i], delta_row_[i], before, transmittance, 1 - kNearShare);
+      if (way.far < 0 && transmittance <= 1 - kFarShare)
+        way.far = stopped_at(t[i], delta_row_[i], before, transmittance, 1 - kFarShare);
     }
     // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
     if (transmittance < options_.stop_transmittance) break;
@@ -211,12 +225,39 @@ void GridIntegrator::composite(int part) {
   way.unshaded = unshaded;
   way.shared = shared;
   if (way.next < way.end && !(transmittance < options_.stop_transmittance)) return;
-  add_shaded(w, shared);
+  add_shaded(w, shared, transmittance);
   close(way);
 }
 
-void GridIntegrator::add_shaded(size_t w, Real shared) {
-  const Way& way = ways_[w];
+Real GridIntegrator::stopped_at(Real t, Real delta, double before, double after,
+                                double left) const {
+  if (!sink_.between_samples) return t;
+  const double share = std::log(left / before) / std::log(after / before);
+  return std::isfinite(share) ? t + (static_cast<Real>(share) - 0.5_r) * delta : t;
+}
+
+bool GridIntegrator::is_apart(const Way& way, Real t, Real delta, Real weight) {
+  return way.front < 0 || (weight > kFaint && t - 1.5_r * delta > way.back);
+}
+
+void GridIntegrator::begin_stretch(Way& way, Real t, Real delta, double transmittance) {
+  way.front = std::max(t - 0.5_r * delta, way.back);
+  way.back = std::max(t + 0.5_r * delta, way.front);
+  way.before = transmittance;
+}
+
+void GridIntegrator::close_stretch(Way& way, double transmittance) {
+  if (way.front < 0) return;
+  DeepSample& sample = sink_.deep[way.place].emplace_back();
+  sample.front = static_cast<Real>(way.start + way.front);
+  sample.back = static_cast<Real>(way.start + way.back);
+  sample.weight = static_cast<Real>(way.before - transmittance);
+  way.front = -1;
+}
+
+void GridIntegrator::add_shaded(size_t w, Real shared, double transmittance) {
+  Way& way = ways_[w];
+  if (has_deep_) close_stretch(way, transmittance);
   if (!(shared > 0)) return;
   if (shaded_ == kChunkSamples) shade();
   const bool same_ray =
@@ -236,6 +277,7 @@ void GridIntegrator::add_shaded(size_t w, Real shared) {
   }
   shaded_place_[static_cast<size_t>(shaded_)] = way.place;
   shaded_weight_[static_cast<size_t>(shaded_)] = shared;
+  if (has_deep_) shaded_stretch_[static_cast<size_t>(shaded_)] = sink_.deep[way.place].size() - 1;
   ++shaded_;
 }
 
@@ -258,6 +300,12 @@ void GridIntegrator::shade() {
     for (size_t k = 0; k < 3; ++k)
       sink_.rgb[3 * place + k] +=
           shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+    if (has_deep_) {
+      DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
+      for (size_t k = 0; k < 3; ++k)
+        stretch.rgb[k] =
+            shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+    }
   }
   shaded_ = shaded_rays_ = 0;
 }

@@ -39,6 +39,9 @@ class GridIntegrator {
     Real shared = 0;    // weight of those whose features are summed for one colour
     Real median = -1;   // distances from the entry at which so much light is stopped
     Real near = -1, far = -1;
+    // Deep only: the stretch that is open, and the light before it; `front` below 0: none is.
+    Real front = -1, back = 0;
+    double before = 0;
     double light = 0, first_moment = 0, second_moment = 0;  // sums of w, w t and w t^2
     Vec3 entry, direction, background;
     double start = 0;  // distance of the entry
@@ -55,10 +58,17 @@ class GridIntegrator {
   // Takes in what the network said of a part of a ray.
   void composite(int part);
   // The features that a ray's samples have summed, of weight `shared`, wait for the colour network
-  // with others.
-  void add_shaded(size_t way, Real shared);
+  // with others. `transmittance`: behind them.
+  void add_shaded(size_t way, Real shared, double transmittance);
   void shade();
   void close(Way& way);
+  // Distance from the entry at which `left` of the light is left, in a sample that leaves `after`.
+  Real stopped_at(Real t, Real delta, double before, double after, double left) const;
+  // Deep only: whether a sample does not belong to a stretch that is open; the begin of one, and
+  // the end.
+  static bool is_apart(const Way& way, Real t, Real delta, Real weight);
+  static void begin_stretch(Way& way, Real t, Real delta, double transmittance);
+  void close_stretch(Way& way, double transmittance);
   size_t geometry_features() const { return static_cast<size_t>(field_.options.geometry_features); }
 
   const GridField& field_;
@@ -66,7 +76,7 @@ class GridIntegrator {
   std::optional<ObliqueBox> box_;
   std::vector<Real> code_;  // of the picture's appearance, where the field has codes
   RaySink sink_;
-  bool has_moments_ = false, has_percentiles_ = false;
+  bool has_moments_ = false, has_percentiles_ = false, has_deep_ = false;
   GridTape tape_;
   std::unique_ptr<MotionChunk> motion_;  // none: the scene stands still
   Chunk chunk_, shading_;
@@ -90,6 +100,7 @@ class GridIntegrator {
   std::vector<int32_t> shaded_begin_;
   int shaded_place_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];
+  size_t shaded_stretch_[kChunkSamples];  // deep only: which of its ray's
   int shaded_ = 0, shaded_rays_ = 0;
   // Rays take turns, so that each colour may need a direction of its own.
   static_assert(kChunkRays >= kChunkSamples);

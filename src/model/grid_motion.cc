@@ -20,13 +20,6 @@ std::vector<Real> open_window(int degrees) {
 
 int encoded_rows(int rows, int degrees) { return rows + 2 * rows * degrees; }
 
-void first_weights(const LinearWeights& w, Real bound, Random random, Real* weights) {
-  for (int j = 0; j < w.out; ++j)
-    for (int k = 0; k < w.in; ++k)
-      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
-          bound * (2 * random.uniform() - 1);
-}
-
 }  // namespace
 
 MotionNetworks::MotionNetworks(const MotionShape& s, size_t first)
@@ -70,14 +63,14 @@ void MotionNetworks::initialise(uint64_t seed, uint64_t layer, Real* weights) co
     return Random(seed, random_key(RandomStream::kFirstNetworks), layer++);
   };
   const auto xavier = [&](const LinearWeights& w) {
-    first_weights(w, std::sqrt(6.0_r / static_cast<Real>(w.in + w.out)), random(), weights);
+    draw_weights(w, xavier_bound(w), random(), weights);
   };
   xavier(time_hidden);
   xavier(time_last);
   warp.initialise(seed, layer, weights);
   layer += warp.hidden.size() + 1;
   for (size_t i = 0; i + 1 < sheet.size(); ++i) xavier(sheet[i]);
-  if (!sheet.empty()) first_weights(sheet.back(), kSheetBound, random(), weights);
+  if (!sheet.empty()) draw_weights(sheet.back(), kSheetBound, random(), weights);
 }
 
 Value record_time_code(Tape& tape, const MotionNetworks& n, Value time) {

@@ -1,12 +1,12 @@
 #include "nerf/model/integrator.h"
 
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <mutex>
 
 #include "model/appearance.h"
 #include "model/field_integrator.h"
+#include "model/ray_layers.h"
 #include "nerf/base/error.h"
 #include "nerf/model/field.h"
 #include "nerf/model/radiance_field.h"
@@ -33,6 +33,7 @@ RayResults results_of(size_t n, const Layers& layers) {
   }
   if (layers.samples) r.samples.resize(n);
   if (layers.normal) r.normal.resize(n);
+  if (layers.deep) r.deep.resize(n);
   return r;
 }
 
@@ -40,27 +41,6 @@ RayResults results_of(size_t n, const Layers& layers) {
 template <class T>
 T* part(std::vector<T>& of, size_t at) {
   return of.empty() ? nullptr : of.data() + at;
-}
-
-// Against the gradient of density where half of the light is stopped.
-void find_normals(std::span<const Ray> rays, size_t begin, size_t count, FieldQuery& query,
-                  RayResults& out) {
-  std::vector<Vec3d> at, along;
-  std::vector<size_t> of;
-  for (size_t i = begin; i < begin + count; ++i) {
-    if (!(out.median[i] > 0)) continue;
-    of.push_back(i);
-    along.push_back(rays[i].direction);
-    at.push_back(rays[i].origin + rays[i].direction * static_cast<double>(out.median[i]));
-  }
-  if (of.empty()) return;
-  std::vector<Real> gradient(3 * of.size());
-  query.ask({at, along, rays[of.front()].time, -1}, {{}, {}, gradient});
-  for (size_t i = 0; i < of.size(); ++i) {
-    const Vec3 g{gradient[3 * i], gradient[3 * i + 1], gradient[3 * i + 2]};
-    const Real size = length(g);
-    if (size > 0 && std::isfinite(size)) out.normal[of[i]] = g / -size;
-  }
 }
 
 }  // namespace
@@ -87,13 +67,16 @@ RayResults integrate(const RadianceField& radiance, std::span<const Ray> rays, c
                            .variance = part(out.variance, begin),
                            .near = part(out.near, begin),
                            .far = part(out.far, begin),
-                           .samples = part(out.samples, begin)};
+                           .samples = part(out.samples, begin),
+                           .deep = part(out.deep, begin),
+                           .between_samples = true};
     integrator->integrate(rays.subspan(begin, count), sink, thread);
     for (size_t i = 0; i < count; ++i) out.median[begin + i] = static_cast<Real>(median[i]);
     if (layers.normal) {
       auto& query = queries[static_cast<size_t>(thread)];
       if (!query) query = radiance.field().query(nullptr);
-      find_normals(rays, begin, count, *query, out);
+      internal::find_normals(rays.subspan(begin, count), median, *query,
+                             std::span(out.normal).subspan(begin, count));
     }
     std::lock_guard lock(mutex);
     if (progress) progress(static_cast<double>(++done) / static_cast<double>(items));

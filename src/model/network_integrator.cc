@@ -94,6 +94,7 @@ void NetworkIntegrator::give(const NetworkLevels& levels, int r, const Ray& ray,
   };
   if (sink.median) sink.median[place] = distance(static_cast<double>(levels.median_distance(r)));
   if (sink.samples) sink.samples[place] = levels.samples(levels.levels() - 1);
+  if (sink.deep) give_deep(levels, r, ray, sink.deep[place]);
   if (!sink.mean && !sink.variance && !sink.near && !sink.far) return;
   const int last = levels.levels() - 1;
   const auto weights = levels.weights(last, r);
@@ -105,11 +106,14 @@ void NetworkIntegrator::give(const NetworkLevels& levels, int r, const Ray& ray,
     const double t0 = static_cast<double>(levels.sampler().distance(posts[i]));
     const double t1 = intervals ? static_cast<double>(levels.sampler().distance(posts[i + 1])) : t0;
     const double d = distance(0.5 * (t0 + t1));
+    const auto stopped_at = [&](double share) {
+      return distance(t0 + (share - light) / w * (t1 - t0));
+    };
+    if (near < 0 && light + w >= kNearShare) near = stopped_at(kNearShare);
+    if (far < 0 && light + w >= kFarShare) far = stopped_at(kFarShare);
     light += w;
     first += w * d;
     second += w * d * d;
-    if (near < 0 && light >= kNearShare) near = d;
-    if (far < 0 && light >= kFarShare) far = d;
   }
   if (sink.near) sink.near[place] = static_cast<Real>(std::max(near, 0.0));
   if (sink.far) sink.far[place] = static_cast<Real>(std::max(far, 0.0));
@@ -118,6 +122,30 @@ void NetworkIntegrator::give(const NetworkLevels& levels, int r, const Ray& ray,
   if (sink.mean) sink.mean[place] = static_cast<Real>(mean);
   if (sink.variance)
     sink.variance[place] = static_cast<Real>(std::max(0.0, second / light - mean * mean));
+}
+
+void NetworkIntegrator::give_deep(const NetworkLevels& levels, int r, const Ray& ray,
+                                  std::vector<DeepSample>& deep) const {
+  const int last = levels.levels() - 1;
+  const auto weights = levels.weights(last, r);
+  const auto posts = levels.posts(last, r);
+  const bool intervals = levels.sampler().intervals();
+  const auto distance = [&](size_t post) {
+    const double d =
+        ray_distance(field_, ray, static_cast<double>(levels.sampler().distance(posts[post])));
+    return std::isfinite(d) ? static_cast<Real>(d) : 1e30_r;
+  };
+  std::vector<Real> rgb;
+  levels.colours(r, rgb);
+  for (size_t i = 0; i < weights.size(); ++i) {
+    if (!(weights[i] > 0)) continue;
+    DeepSample& s = deep.emplace_back();
+    s.front = distance(i);
+    s.back = intervals || i + 1 < weights.size() ? distance(i + 1) : s.front;
+    s.weight = weights[i];
+    for (size_t k = 0; k < 3; ++k) s.rgb[k] = weights[i] * rgb[3 * i + k];
+  }
+  join_deep_samples(deep);
 }
 
 }  // namespace nerf::internal

@@ -32,6 +32,8 @@ class NetworkIntegrator final : public FieldIntegrator {
   NetworkLevels& levels(bool cut, int thread);
   void give(const NetworkLevels& levels, int r, const Ray& ray, size_t place,
             const RaySink& sink) const;
+  void give_deep(const NetworkLevels& levels, int r, const Ray& ray,
+                 std::vector<DeepSample>& deep) const;
 
   const NetworkField& field_;
   const BakedOccupancy* occupancy_;

@@ -201,6 +201,20 @@ void NetworkLevels::pixel(int ray, Real rgb[3], Real& opacity) const {
   opacity = pixel[3 * lr];
 }
 
+void NetworkLevels::colours(int ray, std::vector<Real>& rgb) const {
+  const Level& last = *levels_.back();
+  const size_t n = static_cast<size_t>(samples(levels() - 1)), r = static_cast<size_t>(ray);
+  rgb.assign(3 * n, 0.0_r);
+  const int64_t lc = last.chunk.stride(last.tape.colour);
+  const Real* colour = last.chunk.data(last.tape.colour);
+  for (int i = last.chunk.ray_begin[r]; i < last.chunk.ray_begin[r + 1]; ++i) {
+    const size_t of_all = last.skipped ? static_cast<size_t>(last.kept[static_cast<size_t>(i)])
+                                       : static_cast<size_t>(i);
+    for (size_t k = 0; k < 3; ++k)
+      rgb[3 * (of_all - r * n) + k] = colour[static_cast<int64_t>(k) * lc + i];
+  }
+}
+
 int NetworkLevels::renderings() const {
   return static_cast<int>(
       std::ranges::count_if(levels_, [](const auto& level) { return level->tape.pixel >= 0; }));

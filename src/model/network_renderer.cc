@@ -3,15 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include "model/network_integrator.h"
+#include "model/ray_layers.h"
 #include "nerf/base/error.h"
 #include "nerf/model/radiance_field.h"
 
 namespace nerf::internal {
-
-namespace {}  // namespace
 
 Frame render_network(const RadianceField& radiance, const Camera& camera,
                      const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
@@ -27,6 +27,7 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
               std::vector<Real>(static_cast<size_t>(pixels))};
   NetworkIntegrator integrator(field, radiance.baked(), options,
                                oblique_box(info.to_engine, options.bbox), pool);
+  if (options.layers) frame.layers.resize(static_cast<size_t>(pixels), *options.layers);
   std::mutex mutex;
   int64_t done = 0;
   const int64_t per_item = 16 * int64_t{integrator.chunk()};
@@ -49,8 +50,14 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
     }
     std::vector<Real> rgb(3 * rays.size()), opacity(rays.size());
     std::vector<double> median(rays.size());
-    integrator.integrate(
-        rays, {.rgb = rgb.data(), .opacity = opacity.data(), .median = median.data()}, thread);
+    RaySink sink{.rgb = rgb.data(), .opacity = opacity.data(), .median = median.data()};
+    std::optional<RayLayers> layers;
+    if (options.layers) {
+      layers.emplace(field, *options.layers, info.to_engine);
+      layers->begin(rays.size(), sink);
+    }
+    integrator.integrate(rays, sink, thread);
+    if (layers) layers->finish(rays, median);
     for (size_t r = 0; r < rays.size(); ++r) {
       const size_t p = pixel_of[r];
       std::copy_n(rgb.data() + 3 * r, 3, frame.rgb.data() + 3 * p);
@@ -59,6 +66,7 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
           depth_per_distance(camera, pose.rotation.transposed() * rays[r].direction);
       const double depth = median[r] * forward / info.to_engine.scale;
       frame.depth_z[p] = std::isfinite(depth) ? static_cast<Real>(depth) : 0.0_r;
+      if (layers) layers->give(r, median[r], forward, p, frame.layers);
     }
     std::lock_guard lock(mutex);
     if (progress) progress(static_cast<double>(++done) / static_cast<double>(items));

@@ -36,6 +36,7 @@ class GridPicture {
     const size_t pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
     frame_ = {camera.width, camera.height, std::vector<Real>(3 * pixels), std::vector<Real>(pixels),
               std::vector<Real>(pixels)};
+    if (options.layers) frame_.layers.resize(pixels, *options.layers);
     pack_layers(field.layers(), field.weights.data(), options.precision, packs_, pool);
     renderers_.resize(static_cast<size_t>(pool.size()));
   }
@@ -84,8 +85,8 @@ class GridPicture {
       if (cancel_ && cancel_->requested()) throw Cancelled();
       auto& renderer = renderers_[static_cast<size_t>(thread)];
       if (!renderer)
-        renderer = std::make_unique<internal::TileRenderer>(field_, packs_, camera_, pose_,
-                                                            info_.near, options_, box_);
+        renderer = std::make_unique<internal::TileRenderer>(field_, packs_, camera_, pose_, info_,
+                                                            options_, box_);
       const int x = static_cast<int>(tile % columns) * side;
       const int y = static_cast<int>(tile / columns) * side;
       body(*renderer, x, y, std::min(x + side, camera_.width), std::min(y + side, camera_.height));
@@ -113,6 +114,21 @@ class GridPicture {
   double done_ = 0;
 };
 
+// Layers are before any background, which their picture gets last, and of every pixel's own rays.
+RenderOptions for_layers(const RenderOptions& options) {
+  RenderOptions drawn = options;
+  drawn.background = {0, 0, 0};
+  drawn.interpolated = 0;
+  return drawn;
+}
+
+void lay_over(const Vec3& background, Frame& frame) {
+  frame.layers.rgb = frame.rgb;
+  for (size_t i = 0; i < frame.alpha.size(); ++i)
+    for (int k = 0; k < 3; ++k)
+      frame.rgb[3 * i + static_cast<size_t>(k)] += (1 - frame.alpha[i]) * background[k];
+}
+
 }  // namespace
 
 RenderStatistics& RenderStatistics::operator+=(const RenderStatistics& other) {
@@ -129,16 +145,21 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const ModelInfo& info = radiance.info();
   internal::check_appearance(radiance.field(), options.appearance);
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
+  const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
-    return radiance.is_grid() ? GridPicture(radiance.grid(), info, part, camera_to_world, options,
-                                            pool, at, cancel)
-                                    .render(n)
-                              : internal::render_network(radiance, part, camera_to_world, options,
-                                                         pool, at, cancel);
+    return radiance.is_grid()
+               ? GridPicture(radiance.grid(), info, part, camera_to_world, drawn, pool, at, cancel)
+                     .render(n)
+               : internal::render_network(radiance, part, camera_to_world, drawn, pool, at, cancel);
   };
   Frame frame = n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
                       : render_part(camera, progress);
+  if (options.layers) {
+    lay_over(radiance.shows_background() ? options.background : Vec3{}, frame);
+    internal::change_colours(
+        options.appearance, frame.alpha, [](size_t) { return Vec3{}; }, frame.layers.rgb);
+  }
   internal::change_colours(
       options.appearance, frame.alpha, [&](size_t) { return options.background; }, frame.rgb);
   return frame;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "model/layer_reduction.h"
 #include "nerf/base/error.h"
 #include "nerf/model/model_info.h"
 #include "nerf/model/radiance_field.h"
@@ -13,6 +14,8 @@ namespace nerf {
 namespace {
 
 constexpr int64_t kBandPixels = int64_t{1} << 22;
+
+using internal::append_reduced_layers;
 
 // Appends the pixels of n x n of `from` each.
 void append_reduced(const Frame& from, int n, Frame& out) {
@@ -36,6 +39,7 @@ void append_reduced(const Frame& from, int n, Frame& out) {
       out.depth_z.push_back(2 * static_cast<int>(depths.size()) > n * n ? *middle : 0.0_r);
     }
   out.statistics += from.statistics;
+  append_reduced_layers(from, n, out.layers);
 }
 
 int automatic(const ModelInfo& info, const Camera& camera, const Pose& camera_to_world) {

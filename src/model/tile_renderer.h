@@ -9,6 +9,7 @@
 
 #include "math/wanted_pixels.h"
 #include "model/grid_integrator.h"
+#include "model/ray_layers.h"
 #include "nerf/model/renderer.h"
 #include "nerf/parts/beam.h"
 
@@ -20,14 +21,16 @@ class TileRenderer {
  public:
   // packs: of the field's networks; must outlive this.
   TileRenderer(const GridField& field, const LayerPacks& packs, const Camera& camera,
-               const Pose& pose, double near, const RenderOptions& options,
+               const Pose& pose, const ModelInfo& info, const RenderOptions& options,
                const std::optional<ObliqueBox>& box)
       : occupancy_(field.occupancy),
         camera_(camera),
         pose_(pose),
-        near_(near),
+        near_(info.near),
         options_(options),
-        integrator_(field, packs, options, box) {}
+        integrator_(field, packs, options, box) {
+    if (options.layers) layers_.emplace(field, *options.layers, info.to_engine);
+  }
 
   // Pixels in columns [x0, x1) and rows [y0, y1): all, or those that `wanted` marks, which is one
   // byte for each pixel of the picture. unit: of depths, per engine unit.
@@ -39,7 +42,12 @@ class TileRenderer {
     rgb_.assign(3 * pixels, 0.0_r);
     opacity_.assign(pixels, 0.0_r);
     median_.assign(pixels, 0.0);
-    integrator_.begin({.rgb = rgb_.data(), .opacity = opacity_.data(), .median = median_.data()});
+    RaySink sink{.rgb = rgb_.data(), .opacity = opacity_.data(), .median = median_.data()};
+    if (layers_) {
+      layers_->begin(pixels, sink);
+      rays_.assign(pixels, {});
+    }
+    integrator_.begin(sink);
     const double tile_clear = clear_distance(x0, y0, x1, y1, near_);
     for (int v = y0; v < y1; v += kBlock)
       for (int u = x0; u < x1; u += kBlock) {
@@ -51,6 +59,7 @@ class TileRenderer {
             if (is_wanted(x, y)) cast(x, y, clear);
       }
     integrator_.finish();
+    if (layers_) layers_->finish(rays_, median_);
     for (int y = y0; y < y1; ++y)
       for (int x = x0; x < x1; ++x)
         if (is_wanted(x, y)) give(x, y, frame, unit);
@@ -126,11 +135,12 @@ class TileRenderer {
     ray.clear = clear;
     ray.time = options_.time;
     ray.background = options_.background;
+    if (layers_) rays_[static_cast<size_t>(place)] = ray;
     integrator_.add(ray, place);
   }
 
   // A pixel's results go into the picture.
-  void give(int x, int y, Frame& frame, double unit) const {
+  void give(int x, int y, Frame& frame, double unit) {
     const size_t from = static_cast<size_t>(place_of(x, y)), to = static_cast<size_t>(pixel(x, y));
     // Sums of many colours may end a few roundings above the brightest.
     for (size_t k = 0; k < 3; ++k)
@@ -138,6 +148,7 @@ class TileRenderer {
           std::min(rgb_[3 * from + k], std::max(1.0_r, options_.background[static_cast<int>(k)]));
     frame.alpha[to] = opacity_[from];
     const Real forward = static_cast<Real>(depth_per_distance(camera_, direction_of(x, y)));
+    if (layers_) layers_->give(from, median_[from], forward, to, frame.layers);
     frame.depth_z[to] = static_cast<Real>(median_[from] * forward * unit);
   }
 
@@ -154,6 +165,8 @@ class TileRenderer {
   std::vector<Vec3d> directions_;
   std::vector<Real> rgb_, opacity_;
   std::vector<double> median_;
+  std::optional<RayLayers> layers_;
+  std::vector<Ray> rays_;  // with layers only
 };
 
 }  // namespace nerf::internal

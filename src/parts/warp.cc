@@ -1,20 +1,11 @@
 #include "nerf/parts/warp.h"
 
-#include <cmath>
-
 #include "nerf/base/error.h"
 #include "nerf/math/random.h"
 
 namespace nerf {
 
 namespace {
-
-void uniform(const LinearWeights& w, Real bound, Random random, Real* weights) {
-  for (int j = 0; j < w.out; ++j)
-    for (int k = 0; k < w.in; ++k)
-      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
-          bound * (2 * random.uniform() - 1);
-}
 
 int outputs_of(WarpKind kind) {
   return kind == WarpKind::kSe3 ? 6 : kind == WarpKind::kTranslation ? 3 : 0;
@@ -78,10 +69,10 @@ std::vector<LinearWeights*> PointNetwork::layers() {
 
 void PointNetwork::initialise(uint64_t seed, uint64_t layer, Real* weights) const {
   for (const LinearWeights& w : hidden)
-    uniform(w, std::sqrt(6.0_r / static_cast<Real>(w.in + w.out)),
-            Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights);
-  uniform(last, shape.last_bound, Random(seed, random_key(RandomStream::kFirstNetworks), layer),
-          weights);
+    draw_weights(w, xavier_bound(w), Random(seed, random_key(RandomStream::kFirstNetworks), layer++),
+                 weights);
+  draw_weights(last, shape.last_bound,
+               Random(seed, random_key(RandomStream::kFirstNetworks), layer), weights);
 }
 
 WarpNetwork::WarpNetwork(const WarpShape& s, size_t first)

@@ -144,6 +144,7 @@ uint64_t GridTrainer::memory_bytes(const TrainOptions& options, bool unbounded, 
 
 void GridTrainer::initialise() {
   field.initialise(options.seed ^ salt);
+  if (!field.motion.empty()) field.occupancy.remember_moments();
   optimiser.take_weights(field);
   // A finer cascade answers for the middle of a coarser one.
   for (int c = 1; c < field.occupancy.cascades(); ++c)

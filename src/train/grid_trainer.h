@@ -118,6 +118,8 @@ struct GridTrainer final : TrainerImpl {
   // the chunk's random numbers.
   void leave_out(int64_t c, const GridTape& tape, Random& random, Chunk& chunk);
   void observe_samples();
+  // Of the points of a block of the occupancy's refresh.
+  Real moment(int64_t block) const;
   // Over the step's rays, those that met no matter included, and channels.
   double mean_squared_error() const;
   void initialise();

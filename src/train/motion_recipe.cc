@@ -2,6 +2,7 @@
 
 #include <set>
 
+#include "nerf/base/error.h"
 #include "nerf/io/scene.h"
 
 namespace nerf {
@@ -28,8 +29,12 @@ int count_moments(const Scene& scene) {
 }
 
 void resolve_motion(const Scene& scene, MotionRecipe& recipe) {
-  if (recipe.deform != Deform::kAuto) return;
-  recipe.deform = count_moments(scene) > 1 ? Deform::kTranslation : Deform::kNone;
+  const bool moves = count_moments(scene) > 1;
+  if (recipe.deform == Deform::kAuto)
+    recipe.deform = moves ? Deform::kTranslation : Deform::kNone;
+  else if (recipe.deform != Deform::kNone && !moves)
+    throw Error("all its photos are of one moment", scene.root.string(),
+                "leave out --deform, or say the photos' times with --times");
 }
 
 }  // namespace nerf

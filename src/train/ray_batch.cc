@@ -58,7 +58,7 @@ RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, 
                              ThreadPool& pool)
     : source_(source), field_(field), intervals_(intervals), pool_(pool) {
   for (int i = 0; i < pool.size(); ++i)
-    samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
+    samplers_.emplace_back(field.occupancy, field.sampler(), field.clip);
   scratch_.resize(static_cast<size_t>(pool.size()));
   randoms_.resize(scratch_.size());
 }

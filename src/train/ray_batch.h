@@ -49,6 +49,7 @@ class PixelSource {
   // Photos of different files: Ray::photo is one of them, the same at every scale.
   const std::vector<std::string>& files() const { return file_names_; }
   int file_of(size_t i) const { return files_[i]; }
+  Real time_of(size_t i) const { return times_[i]; }  // Ray::time
   // Of the i-th training photo: camera-to-engine, and the camera at the photo's size. They begin as
   // the scene's.
   const Pose& pose_of(size_t i) const { return poses_[i]; }

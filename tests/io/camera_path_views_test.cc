@@ -79,6 +79,24 @@ TEST(CameraPath, TimesRunAlongWhereViewsHaveThem) {
   }
 }
 
+TEST(CameraPath, ARigInMotionIsSeenByOneOfItsCameras) {
+  ModelInfo info = ring(6);
+  for (int i = 0; i < 6; ++i) {
+    info.views[i].ids = {i / 2, -1, i % 2};
+    info.views[i].time = (i / 2) / 2.0;
+    info.views[i].held_out = i == 2;
+  }
+  info.views[3].ids.camera = 0;
+  const CameraPath path = make_camera_path(info, PathKind::kInterpolate, {41, 30});
+  const auto passes = [&](int view) {
+    return std::ranges::any_of(path.frames, [&](const PathFrame& frame) {
+      return length(frame.camera_to_world.translation - info.views[view].pose.translation) < 0.5;
+    });
+  };
+  for (const int own : {0, 2, 3, 4}) EXPECT_TRUE(passes(own)) << own;
+  for (const int other : {1, 5}) EXPECT_FALSE(passes(other)) << other;
+}
+
 TEST(CameraPath, ViewsComeWithTheirOwnNamesAndCameras) {
   ModelInfo info = ring(5);
   info.views[1].held_out = info.views[4].held_out = true;

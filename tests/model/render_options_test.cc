@@ -26,10 +26,10 @@ namespace {
 auto fields(RenderOptions& o) {
   auto& [background, unclipped, bbox, time, appearance, min_transmittance, stop_transmittance,
          unshaded, shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
-         uniform_share] = o;
+         uniform_share, layers] = o;
   return std::tie(background, unclipped, bbox, time, appearance, min_transmittance,
                   stop_transmittance, unshaded, shared_colour, interpolated, precision, supersample,
-                  sample_factor, max_samples, uniform_share);
+                  sample_factor, max_samples, uniform_share, layers);
 }
 using Fields = decltype(fields(std::declval<RenderOptions&>()));
 
@@ -47,7 +47,8 @@ const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
                          2,
                          0.5_r,
                          64,
-                         0.0_r};
+                         0.0_r,
+                         std::optional(Layers{.samples = true})};
 constexpr size_t kCount = std::tuple_size_v<Fields>;
 static_assert(std::tuple_size_v<decltype(kOthers)> == kCount);
 
@@ -70,11 +71,12 @@ constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"supersample", true},
                                             {"sample_factor", false},
                                             {"max_samples", false},
-                                            {"uniform_share", false}}};
+                                            {"uniform_share", false},
+                                            {"layers", true}}};
 
 struct Outcome {
   std::array<int64_t, 4> work;
-  std::vector<Real> rgb, alpha, depth;
+  std::vector<Real> rgb, alpha, depth, samples;
   bool operator==(const Outcome&) const = default;
 };
 
@@ -84,8 +86,11 @@ Outcome outcome_of(const RadianceField& field, const RenderOptions& options, int
   pose.translation = {0.1, -0.2, -2.5};
   const Frame f = render(field, test::pinhole(24, 20, 18), pose, options, pool);
   const RenderStatistics& s = f.statistics;
-  return {
-      {s.rays, s.segments, s.density_evaluations, s.colour_evaluations}, f.rgb, f.alpha, f.depth_z};
+  return {{s.rays, s.segments, s.density_evaluations, s.colour_evaluations},
+          f.rgb,
+          f.alpha,
+          f.depth_z,
+          f.layers.samples};
 }
 
 template <size_t I>

@@ -28,6 +28,12 @@ struct Image8 {
   std::vector<uint8_t> pixels;
 };
 
+// 16-bit image, likewise.
+struct Image16 {
+  int width = 0, height = 0, channels = 0;
+  std::vector<uint16_t> pixels;
+};
+
 struct ImageInfo {
   // Channels that are used: 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
   int width = 0, height = 0, channels = 0;
@@ -58,5 +64,7 @@ Image8 to_8bit(const ImageF& image);
 // PNG or JPEG by extension, written atomically, 1 to 4 channels. JPEG has no alpha: it is left out.
 // Throws Error.
 void write_image(const std::filesystem::path& path, const Image8& image);
+// PNG alone, 16 bits a channel, written likewise.
+void write_image(const std::filesystem::path& path, const Image16& image);
 
 }  // namespace nerf

@@ -128,6 +128,14 @@ struct GridField final : Field {
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
 
+  // How rays are sampled. Where the scene moves the cached density is a mean over moments, by which
+  // no ray may end.
+  SamplerOptions sampler() const {
+    SamplerOptions s = options.sampler;
+    if (!motion.empty()) s.min_transmittance = 0;
+    return s;
+  }
+
   // Small random weights (tables U(-1e-4, 1e-4), networks Xavier-uniform), keyed by the seed.
   void initialise(uint64_t seed);
 

@@ -15,17 +15,10 @@
 #include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/ray.h"
+#include "nerf/model/layers.h"
 #include "nerf/model/renderer.h"
 
 namespace nerf {
-
-// What is wanted besides colour, opacity and median distance; what is not costs nothing.
-struct Layers {
-  bool moments = false;      // mean distance of what stops the light, and its variance
-  bool percentiles = false;  // distances at which 5 % and 95 % of the light are stopped
-  bool samples = false;      // network samples asked for
-  bool normal = false;       // against the gradient of density where half of the light is stopped
-};
 
 // A number (or three) for each ray; empty where not wanted. Distances are along the ray, engine
 // units; 0 where the ray does not stop so much light.
@@ -37,10 +30,12 @@ struct RayResults {
   std::vector<Real> near, far;       // 5 % and 95 %
   std::vector<int32_t> samples;
   std::vector<Vec3> normal;  // unit, engine coordinates, towards where density falls; else 0
+  std::vector<std::vector<DeepSample>> deep;  // front to back
   RenderStatistics statistics;
 };
 
-// Of RenderOptions neither background, time nor supersample are looked at: the rays have theirs.
+// Of RenderOptions neither background, time, supersample nor layers are looked at: the rays have
+// theirs.
 // Neighbouring rays should follow each other, since they read the same memory. The same bits for
 // any number of threads. Throws Cancelled.
 RayResults integrate(const RadianceField& field, std::span<const Ray> rays, const Layers& layers,

@@ -101,6 +101,8 @@ class NetworkLevels {
   int samples(int level) const { return sampler_.samples(level); }
   // Of the last forward(): colour (over the background) and opacity of a ray's pixel.
   void pixel(int ray, Real rgb[3], Real& opacity) const;
+  // Colours of the samples of a ray's picture, [samples][3]; 0 where they were not asked for.
+  void colours(int ray, std::vector<Real>& rgb) const;
   // Weights and distances of a ray's samples, and the distances of its posts.
   std::span<const Real> weights(int level, int ray) const;
   std::span<const Real> posts(int level, int ray) const;  // entries, see IntervalSampler

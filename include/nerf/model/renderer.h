@@ -12,6 +12,7 @@
 #include "nerf/kernels/bf16.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/layers.h"
 #include "nerf/parts/codes.h"
 
 namespace nerf {
@@ -55,6 +56,9 @@ struct RenderOptions {
   Real sample_factor = 0.85_r;
   int max_samples = 96;
   Real uniform_share = 3;
+  // Frame::layers is made too, of these and what they always hold; every pixel then has rays of its
+  // own.
+  std::optional<Layers> layers{};
 
   // Turns off all of the above that leaves work out.
   void skip_nothing() {
@@ -80,6 +84,7 @@ struct Frame {
   // Median depth along the optical axis (of panoramas: along the ray), input unit; 0 where nothing.
   std::vector<Real> depth_z;
   RenderStatistics statistics{};
+  PictureLayers layers{};  // of RenderOptions::layers
 };
 
 // What render() takes along a pixel's side: RenderOptions::supersample, or what its 0 stands for.
