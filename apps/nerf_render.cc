@@ -71,8 +71,9 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes(),
-                                     {density_of(field, pool), field.shows_background()});
+  RenderPlan plan =
+      make_render_plan(command, field.info(), available_memory_bytes(),
+                       {density_of(field, pool), field.shows_background(), field.moves()});
   for (const std::string& note : plan.notes) log_warning(note);
   give_appearance(command.appearance, field, plan);
   if (!command.mp4.empty()) check_video(command.mp4);
@@ -91,6 +92,12 @@ int render_main(int argc, char** argv) {
     if (!options.layers) options.layers.emplace();
     options.layers->normal = true;
   }
+  // Its light is that of the first frame.
+  RenderOptions first_frame = options;
+  first_frame.time = static_cast<Real>(plan.frames.front().time);
+  first_frame.appearance = plan.frames.front().appearance;
+  const InsertedObject object = insert_object(command.object, field, first_frame, pool);
+  for (const std::string& note : object.notes) log_info(note);
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
                                         const PlannedFrame& frame, bool preview,
                                         const std::function<void(double)>& progress) {
@@ -101,7 +108,8 @@ int render_main(int argc, char** argv) {
       own.supersample = 1;
       own.layers.reset();
     }
-    Frame picture = render(field, camera, camera_to_world, own, pool, progress, &stop.cancel());
+    Frame picture = render(field, camera, camera_to_world, own, pool, progress, &stop.cancel(),
+                           object.insertion.get());
     change_exposure(command.exposure, picture.rgb);
     return picture;
   };

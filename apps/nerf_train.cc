@@ -16,11 +16,12 @@
 #include "nerf/io/scene.h"
 #include "nerf/model/options_json.h"
 #include "nerf/train/evaluation.h"
-#include "nerf/train/light_probe.h"
 #include "nerf/train/run.h"
 #include "options_cli.h"
+#include "photo_needs.h"
 #include "render_plan.h"
 #include "run_folder.h"
+#include "score_text.h"
 #include "train_options.h"
 
 namespace nerf::apps {
@@ -123,36 +124,6 @@ void say_depth(const DepthPoints& depth, const Scene& scene) {
 std::string rate_text(double x, const char* unit) {
   return x < 1e6 ? fmt::format("{:.0f} k {}/s", x / 1e3, unit)
                  : fmt::format("{:.2f} M {}/s", x / 1e6, unit);
-}
-
-// What the photos themselves ask for, in place of what is to be found automatically.
-void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, const PhotoSet& photos,
-                   ThreadPool& pool, const SignalCancel& stop) {
-  constexpr double kFewestMinutes = 1;  // of a training that a few seconds do not matter to
-  constexpr int64_t kFewestSteps = 1000;
-  LightRecipe& light = command.train.grid_recipe.light;
-  if (!reads_option(command.train.method, "appearance")) return;
-  const bool is_long =
-      light.appearance.automatic && !resumes &&
-      (command.minutes.value_or(0) >= kFewestMinutes || command.train.steps >= kFewestSteps);
-  Progress clock("looking at the light");
-  const LightProbe probe =
-      is_long ? probe_light(scene, photos, pool, &stop.cancel()) : LightProbe();
-  resolve_light(probe, command.train);
-  if (!probe.smooth_share && !probe.exposure_spread) return;
-  std::string seen;
-  if (probe.exposure_spread)
-    seen = fmt::format("{:.2f} stops between photos", *probe.exposure_spread);
-  if (probe.smooth_share)
-    seen += fmt::format("{}{:.0f} % of a short training's error is even across small areas",
-                        seen.empty() ? "" : ", ", 100 * *probe.smooth_share);
-  std::string found = "fixed";
-  if (light.appearance.count > 0)
-    found = fmt::format("differs: {} numbers a photo", light.appearance.count);
-  if (light.colour_correction == Switch::kOn) found += ", exposure and white balance";
-  if (command.train.grid_recipe.point_depth.value_or(0) > 0)
-    found += ", distances of sparse points";
-  log_info(fmt::format("light         {} ({}; {:.1f} s)", found, seen, clock.elapsed_seconds()));
 }
 
 // One training with its screen and its folder.
@@ -308,15 +279,7 @@ class Training {
                          run.steps, rate_text(run.samples_per_second(), "samples")));
     log_info(fmt::format("besides     decoding {:.1f} s, evaluation {:.1f} s, saving {:.1f} s",
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
-    if (summary_.evaluation.counted > 0)
-      log_info(fmt::format(
-          "held out    PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views{}", summary_.evaluation.psnr,
-          summary_.evaluation.ssim, summary_.evaluation.counted,
-          summary_.evaluation.halves ? " (right halves, in a light that fits the left ones)" : ""));
-    if (summary_.evaluation.scales.size() > 1)
-      for (const ScaleScore& s : summary_.evaluation.scales)
-        log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,
-                             s.psnr, s.ssim, s.counted));
+    for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
     write_left_out();
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
@@ -382,7 +345,9 @@ int train_main(int argc, char** argv) {
                     "photos; near, "
                     "far {:.4g}, {:.4g}",
                     added, scene.near / scene.to_engine.scale, scene.far / scene.to_engine.scale));
-  look_at_light(command, folder.has_checkpoint() && command.resume, scene, photos, pool, stop);
+  look_at_light(command, folder.has_checkpoint() && command.resume, scene, photos, pool,
+                stop.cancel());
+  look_at_motion(command, scene);
   add_photo_scales(scene, photos, command.scales, learns_from_reduced_photos(command.train), pool);
   folder.keep();
   return Training(command, folder, scene, photos, pool, stop).run();

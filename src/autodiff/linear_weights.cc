@@ -6,6 +6,13 @@
 
 namespace nerf {
 
+void draw_weights(const LinearWeights& w, Real bound, Random random, Real* weights) {
+  for (int j = 0; j < w.out; ++j)
+    for (int k = 0; k < w.in; ++k)
+      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
+          bound * (2 * random.uniform() - 1);
+}
+
 void place_packs(std::span<LinearWeights* const> layers) {
   size_t f32 = 0, bf16 = 0;
   for (LinearWeights* w : layers) {

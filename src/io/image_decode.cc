@@ -173,22 +173,25 @@ std::vector<uint8_t> first_bytes(const fs::path& path, size_t count) {
   return head;
 }
 
-// Complete, with a size that its bytes can hold.
-MemoryInput open_whole(const fs::path& path) {
+// Complete, with a size that its bytes can hold. Of a PNG or a JPEG.
+MemoryInput open_bytes(std::vector<uint8_t> bytes, ImageFileKind kind, const fs::path& path) {
   MemoryInput memory;
+  memory.bytes = std::move(bytes);
+  const auto problem = kind == ImageFileKind::kJpeg
+                           ? jpeg_problem(memory.bytes)
+                           : png_problem(memory.bytes, memory.bytes.size());
+  if (problem) throw damaged(path, *problem);
+  open_in_memory(memory, path, kind == ImageFileKind::kJpeg ? "jpeg" : "png");
+  check_spec(memory.in->spec(), path, memory.bytes.size());
+  return memory;
+}
+
+MemoryInput open_whole(const fs::path& path) {
   const ImageFileKind kind = image_file_kind(first_bytes(path, 8));
-  if (kind != ImageFileKind::kOther) {
-    memory.bytes = read_file(path);
-    const auto problem = kind == ImageFileKind::kJpeg
-                             ? jpeg_problem(memory.bytes)
-                             : png_problem(memory.bytes, memory.bytes.size());
-    if (problem) throw damaged(path, *problem);
-    open_in_memory(memory, path, kind == ImageFileKind::kJpeg ? "jpeg" : "png");
-  } else {
-    memory.in = open_by_path(path);
-  }
-  check_spec(memory.in->spec(), path,
-             kind == ImageFileKind::kOther ? length_of(path) : memory.bytes.size());
+  if (kind != ImageFileKind::kOther) return open_bytes(read_file(path), kind, path);
+  MemoryInput memory;
+  memory.in = open_by_path(path);
+  check_spec(memory.in->spec(), path, length_of(path));
   return memory;
 }
 
@@ -245,30 +248,45 @@ std::set<std::string> readable_camera_formats() {
   return found;
 }
 
+namespace {
+
+StoredImage stored_image(const MemoryInput& memory, const fs::path& path) {
+  const OIIO::ImageSpec& spec = memory.in->spec();
+  const Layout layout = layout_of(spec);
+  StoredImage image;
+  image.width = spec.width;
+  image.height = spec.height;
+  image.channels = layout.channels;
+  image.type = type_of(spec);
+  image.premultiplied =
+      image.has_alpha() && spec.get_int_attribute("oiio:UnassociatedAlpha", 0) == 0;
+  const size_t count = static_cast<size_t>(image.width) * static_cast<size_t>(image.height) *
+                       static_cast<size_t>(image.channels);
+  if (image.type == SampleType::k8) {
+    image.samples8.resize(count);
+    read_samples(*memory.in, path, layout, OIIO::TypeDesc::UINT8, 1, image.samples8.data());
+  } else {
+    image.samples16.resize(count);
+    const bool half = image.type == SampleType::kHalf;
+    read_samples(*memory.in, path, layout, half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::UINT16, 2,
+                 image.samples16.data());
+  }
+  return image;
+}
+
+}  // namespace
+
 StoredImage decode_image(const fs::path& path) {
-  return name_the_file(path, [&] {
-    const MemoryInput memory = open_whole(path);
-    const OIIO::ImageSpec& spec = memory.in->spec();
-    const Layout layout = layout_of(spec);
-    StoredImage image;
-    image.width = spec.width;
-    image.height = spec.height;
-    image.channels = layout.channels;
-    image.type = type_of(spec);
-    image.premultiplied =
-        image.has_alpha() && spec.get_int_attribute("oiio:UnassociatedAlpha", 0) == 0;
-    const size_t count = static_cast<size_t>(image.width) * static_cast<size_t>(image.height) *
-                         static_cast<size_t>(image.channels);
-    if (image.type == SampleType::k8) {
-      image.samples8.resize(count);
-      read_samples(*memory.in, path, layout, OIIO::TypeDesc::UINT8, 1, image.samples8.data());
-    } else {
-      image.samples16.resize(count);
-      const bool half = image.type == SampleType::kHalf;
-      read_samples(*memory.in, path, layout, half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::UINT16,
-                   2, image.samples16.data());
-    }
-    return image;
+  return name_the_file(path, [&] { return stored_image(open_whole(path), path); });
+}
+
+StoredImage decode_image(std::vector<uint8_t> bytes, const std::string& name) {
+  return name_the_file(name, [&] {
+    const ImageFileKind kind =
+        image_file_kind(std::span(bytes).first(std::min<size_t>(8, bytes.size())));
+    if (kind == ImageFileKind::kOther)
+      throw Error("the image is neither PNG nor JPEG", name, "convert it");
+    return stored_image(open_bytes(std::move(bytes), kind, name), name);
   });
 }
 

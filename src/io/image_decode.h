@@ -33,6 +33,8 @@ std::set<std::string> readable_camera_formats();
 
 // Throws Error: see read_image_8bit in nerf/io/image.h.
 StoredImage decode_image(const std::filesystem::path& path);
+// The same of a PNG or JPEG file's bytes; `name` is what an Error calls it.
+StoredImage decode_image(std::vector<uint8_t> bytes, const std::string& name);
 
 // One channel as numbers, integers as they are: of several the one named Z (any case), else the
 // first.

@@ -41,14 +41,6 @@ uint64_t values_between(int in, int hidden, int hidden_layers, int out) {
   return static_cast<uint64_t>(in + 2 * hidden_layers * hidden + out);
 }
 
-void xavier_uniform(const LinearWeights& w, Random random, Real* weights) {
-  const Real bound = std::sqrt(6.0_r / static_cast<Real>(w.in + w.out));
-  for (int j = 0; j < w.out; ++j)
-    for (int k = 0; k < w.in; ++k)
-      weights[w.offset + static_cast<size_t>(j * weight_stride(w.in) + k)] =
-          bound * (2 * random.uniform() - 1);
-}
-
 }  // namespace
 
 // Finer cells place the samples of a thin surface better, but one in an unbounded scene has too
@@ -81,7 +73,7 @@ void GridOptions::check_options() const {
 }
 
 GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
-                     const CodeShape& shape_of_codes)
+                     const CodeShape& shape_of_codes, const MotionShape& shape_of_motion)
     : options(o),
       unbounded(is_unbounded),
       shape(hash_grid_shape(o)),
@@ -91,16 +83,19 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
       clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
   simd_target();  // chosen, or found missing, before any kernel runs
   size_t size = 0;
-  density_layers =
-      place_layers(shape.features(), o.hidden, o.density_layers, o.geometry_features, size);
+  motion = MotionNetworks(shape_of_motion, 0);  // placed below
+  density_layers = place_layers(shape.features() + motion.rows(), o.hidden, o.density_layers,
+                                o.geometry_features, size);
   const int code = shape_of_codes.any() ? shape_of_codes.appearance : 0;
   colour_layers = place_layers(o.geometry_features + kSphericalHarmonics + code, o.hidden,
                                o.colour_layers, 3, size);
-  books = CodeBooks(shape_of_codes, size);
-  weights = AlignedArray<Real>(size + books.size());
+  motion = MotionNetworks(shape_of_motion, size);
+  books = CodeBooks(shape_of_codes, motion.end);
+  weights = AlignedArray<Real>(motion.end + books.size());
   std::vector<LinearWeights*> all;
   for (auto* layers : {&density_layers, &colour_layers})
     for (LinearWeights& w : *layers) all.push_back(&w);
+  for (LinearWeights* w : motion.layers()) all.push_back(w);
   place_packs(all);
 }
 
@@ -119,6 +114,8 @@ uint64_t GridField::memory_bytes(const GridOptions& o, bool unbounded, int casca
 std::vector<LinearWeights> GridField::layers() const {
   std::vector<LinearWeights> all = density_layers;
   all.insert(all.end(), colour_layers.begin(), colour_layers.end());
+  MotionNetworks networks = motion;
+  for (const LinearWeights* w : networks.layers()) all.push_back(*w);
   return all;
 }
 
@@ -138,8 +135,9 @@ void GridField::initialise(uint64_t seed) {
   uint64_t layer = 0;
   for (const auto* layers : {&density_layers, &colour_layers})
     for (const LinearWeights& w : *layers)
-      xavier_uniform(w, Random(seed, random_key(RandomStream::kFirstNetworks), layer++),
-                     weights.data());
+      draw_weights(w, xavier_bound(w),
+                   Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights.data());
+  motion.initialise(seed, layer, weights.data());
 }
 
 uint64_t GridTape::memory_bytes(const GridOptions& o) {
@@ -163,7 +161,15 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   if (training && !field.books.empty()) photo = tape.input(1, Domain::kRays);
   if (!training && codes.out > 0) code = tape.input(codes.in, Domain::kRays);
 
-  geometry = mlp(tape, features, field.density_layers);
+  Value seen_by_density = features;
+  if (!field.motion.empty()) {
+    position = tape.input(3, Domain::kSamples, sloped || losses.on_position);
+    time = tape.input(1, Domain::kRays);
+    const Value code = repeat_for_samples(tape, record_time_code(tape, field.motion, time));
+    const Value contracted = scale_shift(tape, position, 2 * field.extent(), -field.extent());
+    seen_by_density = concat(tape, features, record_moment(tape, field.motion, contracted, code));
+  }
+  geometry = mlp(tape, seen_by_density, field.density_layers);
   if (training && losses.roulette) roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();

@@ -11,8 +11,8 @@ namespace nerf::internal {
 namespace {
 
 SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
-  SamplerOptions s = field.options.sampler;
-  s.min_transmittance = options.min_transmittance;
+  SamplerOptions s = field.sampler();
+  if (field.motion.empty()) s.min_transmittance = options.min_transmittance;
   s.samples_per_cell *= options.sample_factor;
   s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
   s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
@@ -45,6 +45,7 @@ GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
     code_ = options.appearance.code.empty() ? field.default_code() : options.appearance.code;
   chunk_.weights = shading_.weights = field.weights.data();
   chunk_.packs = shading_.packs = &packs;
+  if (!field.motion.empty()) motion_ = std::make_unique<MotionChunk>(field, &packs);
   delta_row_ = chunk_.data(tape_.delta);
   direction_rows_ = chunk_.data(tape_.directions);
   for (auto* a : {&x_, &y_, &z_}) *a = AlignedArray<Real>(kChunkSamples);
@@ -69,6 +70,7 @@ void GridIntegrator::add(const Ray& given, int place) {
   Way way;
   way.place = place;
   way.background = given.background;
+  way.time = given.time;
   Ray ray = given;
   if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way);
   ++statistics_.rays;
@@ -129,6 +131,7 @@ void GridIntegrator::add_part(size_t w, size_t until) {
   way.next += n;
   samples_used_ += static_cast<int>(n);
   for (int k = 0; k < 3; ++k) direction_rows_[k * lr + parts_] = way.direction[k];
+  if (motion_) chunk_.data(tape_.time)[parts_] = way.time;
   ++parts_;
   ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
 }
@@ -144,7 +147,7 @@ void GridIntegrator::flush() {
   chunk_.samples = samples_used_;
   chunk_.rays = parts_;
   chunk_.ray_begin = ray_begin_.data();
-  encode(field_, {x_.data(), y_.data(), z_.data()}, samples_used_, chunk_.data(tape_.features),
+  encode(field_, looked_up(), samples_used_, chunk_.data(tape_.features),
          chunk_.stride(tape_.features));
   tape_.forward_density(chunk_);
   opacity(samples_used_, chunk_.data(tape_.density), delta_row_, alphas_.data());
@@ -154,6 +157,19 @@ void GridIntegrator::flush() {
   statistics_.density_evaluations += samples_used_;
   for (int part = 0; part < parts_; ++part) composite(part);
   parts_ = samples_used_ = 0;
+}
+
+GridPoints GridIntegrator::looked_up() {
+  if (!motion_) return {x_.data(), y_.data(), z_.data()};
+  const int64_t padded = round_up(samples_used_, kLane), ld = chunk_.stride(tape_.position);
+  Real* to = chunk_.data(tape_.position);
+  for (const auto* a : {&x_, &y_, &z_}) {
+    std::copy_n(a->data(), padded, to);
+    to += ld;
+  }
+  motion_->forward(x_.data(), y_.data(), z_.data(), samples_used_, parts_, ray_begin_.data(),
+                   chunk_.data(tape_.time));
+  return {motion_->canonical(0), motion_->canonical(1), motion_->canonical(2)};
 }
 
 void GridIntegrator::composite(int part) {

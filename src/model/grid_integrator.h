@@ -1,6 +1,7 @@
 // The grid method's integral along rays, a few hundred of them at a time.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -44,6 +45,7 @@ class GridIntegrator {
     double light = 0, first_moment = 0, second_moment = 0;  // sums of w, w t and w t^2
     Vec3 entry, direction, background;
     double start = 0;  // distance of the entry
+    Real time = 0;     // Ray::time
     bool finished = false;
   };
 
@@ -51,6 +53,8 @@ class GridIntegrator {
   // As many of the ray's samples before `until` as the chunk has room for.
   void add_part(size_t way, size_t until);
   void flush();
+  // Of the chunk's samples: where the table is looked up.
+  GridPoints looked_up();
   // Takes in what the network said of a part of a ray.
   void composite(int part);
   // The features that a ray's samples have summed, of weight `shared`, wait for the colour network
@@ -74,6 +78,7 @@ class GridIntegrator {
   RaySink sink_;
   bool has_moments_ = false, has_percentiles_ = false, has_deep_ = false;
   GridTape tape_;
+  std::unique_ptr<MotionChunk> motion_;  // none: the scene stands still
   Chunk chunk_, shading_;
   Real *delta_row_ = nullptr, *direction_rows_ = nullptr;  // inputs of chunk_
   RaySampler sampler_;

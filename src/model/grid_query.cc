@@ -53,7 +53,9 @@ class GridQuery final : public FieldQuery {
     Chunk& c = w.chunk;
     c.samples = c.rays = n;
     c.ray_begin = ray_begin_;
-    encode(field_, {x_, y_, z_}, n, c.data(w.tape.features), c.stride(w.tape.features));
+    if (!field_.motion.empty()) move(points.time, n, w);
+    const GridPoints p = looked_up();
+    encode(field_, p, n, c.data(w.tape.features), c.stride(w.tape.features));
   }
 
   void ask_block(const FieldPoints& points, const FieldAnswers& answers, size_t begin, int n) {
@@ -83,6 +85,25 @@ class GridQuery final : public FieldQuery {
             chunk.data(tape.colour)[k * lc + i];
   }
 
+  // Where the table is looked up.
+  GridPoints looked_up() const {
+    if (field_.motion.empty()) return {x_, y_, z_};
+    return {motion_->canonical(0), motion_->canonical(1), motion_->canonical(2)};
+  }
+
+  void move(Real time, int n, Worker& w) {
+    const bool sloped = w.tape.density_gradient >= 0;
+    if (!motion_ || (sloped && !motion_goes_back_))
+      motion_ = std::make_unique<MotionChunk>(field_, packs_, motion_goes_back_ = sloped);
+    Chunk& c = w.chunk;
+    std::fill_n(c.data(w.tape.time), round_up(n, kLane), time);
+    const Real* const from[] = {x_, y_, z_};
+    for (int k = 0; k < 3; ++k)
+      std::copy_n(from[k], round_up(n, kLane),
+                  c.data(w.tape.position) + k * c.stride(w.tape.position));
+    motion_->forward(x_, y_, z_, n, n, ray_begin_, c.data(w.tape.time));
+  }
+
   // The code of a photo, the same for all points.
   void set_code(int photo, int n, Worker& w) {
     if (w.tape.code < 0) return;
@@ -103,25 +124,34 @@ class GridQuery final : public FieldQuery {
     std::fill_n(w.chunk.data(w.tape.density_gradient), n, 1.0_r);
     w.tape.tape.forward(w.chunk);
     w.tape.tape.backward(w.chunk);
-    alignas(64) Real dx[kBlock] = {}, dy[kBlock] = {}, dz[kBlock] = {};
+    alignas(64) Real d[3][kBlock] = {};
+    const GridPoints p = looked_up();
     const int64_t ld = w.chunk.stride(w.tape.features);
     for (size_t l = 0; l < field_.shape.levels.size(); ++l) {
       const HashGridLevel& level = field_.shape.levels[l];
       const Real* d_features =
           w.chunk.gradient(w.tape.features) + static_cast<int64_t>(l) * level.features * ld;
       const auto add = [&](const auto* table) {
-        hash_grid_position_backward(level, table + level.begin(), x_, y_, z_, n, d_features, ld, dx,
-                                    dy, dz);
+        hash_grid_position_backward(level, table + level.begin(), p.x, p.y, p.z, n, d_features, ld,
+                                    d[0], d[1], d[2]);
       };
       if (field_.options.table_bits == 16)
         add(field_.half_table.data());
       else
         add(field_.table.data());
     }
+    if (!field_.motion.empty()) {
+      motion_->backward(d[0], kBlock, unused_.data());
+      const int64_t lp = w.chunk.stride(w.tape.position);
+      for (int k = 0; k < 3; ++k)
+        for (int i = 0; i < n; ++i)
+          d[k][i] =
+              motion_->position_gradient(k)[i] + w.chunk.gradient(w.tape.position)[k * lp + i];
+    }
     for (int i = 0; i < n; ++i) {
       const size_t at = begin + static_cast<size_t>(i);
       // The contraction's Jacobian is symmetric, so that it is its own transpose.
-      Vec3 g{dx[i], dy[i], dz[i]};
+      Vec3 g{d[0][i], d[1][i], d[2][i]};
       g = field_.unbounded ? contraction_jacobian(points.positions[at].cast<Real>())(g) * 0.25_r
                            : g * 0.5_r;
       for (int k = 0; k < 3; ++k) answers.gradient[3 * at + static_cast<size_t>(k)] = g[k];
@@ -131,6 +161,8 @@ class GridQuery final : public FieldQuery {
   const GridField& field_;
   const LayerPacks* packs_;
   std::unique_ptr<Worker> plain_, sloped_;
+  std::unique_ptr<MotionChunk> motion_;
+  bool motion_goes_back_ = false;
   alignas(64) Real x_[kBlock], y_[kBlock], z_[kBlock];
   int32_t ray_begin_[kBlock + 1];
   std::vector<Real> code_;  // of photo_

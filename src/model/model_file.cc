@@ -77,6 +77,40 @@ void read_weights(const ContainerReader& file, std::span<Real> weights, size_t n
   read_weights(file, "codes", weights.subspan(networks));
 }
 
+Json motion_to_json(const MotionShape& s) {
+  return {{"deform", s.warp.kind == WarpKind::kSe3 ? "se3" : "translation"},
+          {"position_degrees", s.warp.position_degrees},
+          {"depth", s.warp.depth},
+          {"width", s.warp.width},
+          {"ambient", s.ambient},
+          {"time_code", s.time_code},
+          {"time_degrees", s.time_degrees},
+          {"time_width", s.time_width},
+          {"point_degrees", s.point_degrees}};
+}
+
+// Files of scenes that stand still do not name it.
+MotionShape motion_from(const JsonFields& header) {
+  MotionShape s;
+  if (!header.has("motion")) return s;
+  const JsonFields f = header.object("motion");
+  const std::string deform = f.text("deform");
+  if (deform != "translation" && deform != "se3") f.fail("is no known warp", "deform");
+  s.warp.kind = deform == "se3" ? WarpKind::kSe3 : WarpKind::kTranslation;
+  const auto number = [&](const char* name, int least, int most) {
+    return static_cast<int>(f.integer(name, least, most));
+  };
+  s.warp.position_degrees = number("position_degrees", 0, 32);
+  s.warp.depth = number("depth", 1, 32);
+  s.warp.width = number("width", 1, 1024);
+  s.ambient = number("ambient", 0, 32);
+  s.time_code = number("time_code", 1, 1024);
+  s.time_degrees = number("time_degrees", 0, 32);
+  s.time_width = number("time_width", 1, 1024);
+  s.point_degrees = number("point_degrees", 0, 32);
+  return s;
+}
+
 Json codes_to_json(const CodeShape& shape) {
   Json out{{"appearance", shape.appearance}, {"colours", shape.colours}, {"photos", shape.photos}};
   if (shape.transient > 0) out["transient"] = shape.transient;
@@ -143,8 +177,8 @@ RadianceField read_model(const ContainerReader& file) {
         file.where());
 
   options.table_bits = kTableBits;
-  auto field =
-      std::make_shared<GridField>(options, info.unbounded, cascades, codes_from(file, header));
+  auto field = std::make_shared<GridField>(options, info.unbounded, cascades,
+                                           codes_from(file, header), motion_from(header));
   file.read("table", field->half_table.span());
   read_weights(file, field->weights.span(), field->network_size());
   std::vector<uint8_t> levels(field->occupancy.levels().size());
@@ -193,6 +227,7 @@ void RadianceField::save(const std::filesystem::path& path) const {
   options.table_bits = internal::kTableBits;
   header["options"] = Json::parse(options_to_json(options));
   header["cascades"] = grid_->occupancy.cascades();
+  if (!grid_->motion.empty()) header["motion"] = internal::motion_to_json(grid_->motion.shape);
   header["clip"] = {{"min", internal::corner_to_json(grid_->clip.min)},
                     {"max", internal::corner_to_json(grid_->clip.max)}};
   internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));

@@ -14,7 +14,8 @@
 namespace nerf::internal {
 
 Frame render_network(const RadianceField& radiance, const Camera& camera,
-                     const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+                     const Pose& camera_to_world, const RenderOptions& options,
+                     const ObjectPixels& objects, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel) {
   NERF_CHECK(camera.width > 0 && camera.height > 0);
   const NetworkField& field = radiance.network();
@@ -45,6 +46,7 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
       ray->radius = cast_radius(field, camera, pose, at);
       ray->background = background;
       ray->time = options.time;
+      objects.cut(static_cast<size_t>(p), *ray);
       rays.push_back(*ray);
       pixel_of.push_back(static_cast<size_t>(p));
     }

@@ -3,6 +3,7 @@
 
 #include <functional>
 
+#include "model/object_pixels.h"
 #include "nerf/base/cancel.h"
 #include "nerf/base/threads.h"
 #include "nerf/model/model_info.h"
@@ -12,7 +13,7 @@
 namespace nerf::internal {
 
 Frame render_network(const RadianceField& field, const Camera& camera, const Pose& camera_to_world,
-                     const RenderOptions& options, ThreadPool& pool,
+                     const RenderOptions& options, const ObjectPixels& objects, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel);
 
 }  // namespace nerf::internal

@@ -27,10 +27,12 @@ constexpr Real kOuter = 0.125_r;  // Their weight; 0.125 is that of the cubic th
 
 }  // namespace
 
-PixelLattice::PixelLattice(const LatticeOptions& options, int width, int height)
+PixelLattice::PixelLattice(const LatticeOptions& options, int width, int height,
+                           const ObjectPixels* objects)
     : options_(options),
       width_(width),
       height_(height),
+      objects_(objects),
       wanted_(static_cast<size_t>(width) * static_cast<size_t>(height)),
       surprise_(wanted_.size()) {
   const int spacing = options.spacing;
@@ -77,9 +79,12 @@ bool PixelLattice::find_neighbours(const Pass& pass, int reach, int x, int y, si
 
 bool PixelLattice::interpolate(const Pass& pass, int x, int y, size_t p, const size_t from[4],
                                Frame& frame) const {
+  const auto sees_object = [&](size_t at) { return objects_ && objects_->seen(at); };
+  if (sees_object(p)) return false;
   Real surprise = 0, nearest = std::numeric_limits<Real>::max(), farthest = 0, depths = 0;
   for (size_t i = 0; i < 4; ++i) {
     const Real depth = frame.depth_z[from[i]];
+    if (sees_object(from[i])) return false;
     nearest = std::min(nearest, depth);
     farthest = std::max(farthest, depth);
     depths += depth;
@@ -111,8 +116,8 @@ bool PixelLattice::interpolate(const Pass& pass, int x, int y, size_t p, const s
   bool curved = find_neighbours(pass, kReach, x, y, outer);
   for (size_t i = 0; curved && i < 4; ++i) {
     const Real depth = frame.depth_z[outer[i]];
-    curved =
-        depth > 0 && std::max(depth, farthest) <= options_.depth_ratio * std::min(depth, nearest);
+    curved = depth > 0 && !sees_object(outer[i]) &&
+             std::max(depth, farthest) <= options_.depth_ratio * std::min(depth, nearest);
   }
   // A cubic's value in the middle, along either pair; within what the nearest enclose.
   for (size_t k = 0; curved && k < 4; ++k) {

@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "model/object_pixels.h"
 #include "nerf/base/real.h"
 #include "nerf/model/renderer.h"
 
@@ -28,7 +29,10 @@ struct LatticeOptions {
 
 class PixelLattice {
  public:
-  PixelLattice(const LatticeOptions& options, int width, int height);
+  // objects: pixels that see one, and those beside them, have rays of their own. They must outlive
+  // this; null: none.
+  PixelLattice(const LatticeOptions& options, int width, int height,
+               const ObjectPixels* objects = nullptr);
 
   int passes() const { return static_cast<int>(passes_.size()); }
   // Of all pixels, about; for progress.
@@ -63,6 +67,7 @@ class PixelLattice {
 
   LatticeOptions options_;
   int width_, height_;
+  const ObjectPixels* objects_;
   std::vector<Pass> passes_;
   std::vector<uint8_t> wanted_;
   // Largest difference of a colour from its neighbours' mean; half of theirs where no ray was cast.

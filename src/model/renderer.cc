@@ -6,11 +6,13 @@
 
 #include "model/appearance.h"
 #include "model/network_renderer.h"
+#include "model/object_pixels.h"
 #include "model/pixel_lattice.h"
 #include "model/supersampling.h"
 #include "model/tile_renderer.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
+#include "nerf/model/insertion.h"
 #include "nerf/model/radiance_field.h"
 
 namespace nerf {
@@ -21,13 +23,15 @@ namespace {
 class GridPicture {
  public:
   GridPicture(const GridField& field, const ModelInfo& info, const Camera& camera,
-              const Pose& camera_to_world, const RenderOptions& options, ThreadPool& pool,
+              const Pose& camera_to_world, const RenderOptions& options,
+              const internal::ObjectPixels& objects, ThreadPool& pool,
               const std::function<void(double)>& progress, const Cancel* cancel)
       : field_(field),
         info_(info),
         camera_(camera),
         pose_(info.to_engine.apply(camera_to_world)),
         options_(options),
+        objects_(objects),
         box_(internal::oblique_box(info.to_engine, options.bbox)),
         pool_(pool),
         progress_(progress),
@@ -64,7 +68,7 @@ class GridPicture {
       options.depth_ratio = 1.3_r;
       options.sure = false;
     }
-    internal::PixelLattice lattice(options, camera_.width, camera_.height);
+    internal::PixelLattice lattice(options, camera_.width, camera_.height, &objects_);
     for (int pass = 0; pass < lattice.passes(); ++pass)
       each_tile(32, lattice.share(pass),
                 [&](internal::TileRenderer& renderer, int x0, int y0, int x1, int y1) {
@@ -86,7 +90,7 @@ class GridPicture {
       auto& renderer = renderers_[static_cast<size_t>(thread)];
       if (!renderer)
         renderer = std::make_unique<internal::TileRenderer>(field_, packs_, camera_, pose_, info_,
-                                                            options_, box_);
+                                                            options_, objects_, box_);
       const int x = static_cast<int>(tile % columns) * side;
       const int y = static_cast<int>(tile / columns) * side;
       body(*renderer, x, y, std::min(x + side, camera_.width), std::min(y + side, camera_.height));
@@ -103,6 +107,7 @@ class GridPicture {
   const Camera& camera_;
   const Pose pose_;
   const RenderOptions& options_;
+  const internal::ObjectPixels& objects_;
   const std::optional<internal::ObliqueBox> box_;
   ThreadPool& pool_;
   const std::function<void(double)>& progress_;
@@ -141,17 +146,24 @@ RenderStatistics& RenderStatistics::operator+=(const RenderStatistics& other) {
 
 Frame render(const RadianceField& radiance, const Camera& camera, const Pose& camera_to_world,
              const RenderOptions& options, ThreadPool& pool,
-             const std::function<void(double)>& progress, const Cancel* cancel) {
+             const std::function<void(double)>& progress, const Cancel* cancel,
+             const Insertion* insertion) {
   const ModelInfo& info = radiance.info();
   internal::check_appearance(radiance.field(), options.appearance);
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
-    return radiance.is_grid()
-               ? GridPicture(radiance.grid(), info, part, camera_to_world, drawn, pool, at, cancel)
-                     .render(n)
-               : internal::render_network(radiance, part, camera_to_world, drawn, pool, at, cancel);
+    const Pose to_engine = info.to_engine.apply(camera_to_world);
+    internal::ObjectPixels objects;
+    if (insertion) objects = insertion->look(part, to_engine, drawn, pool, cancel);
+    Frame picture = radiance.is_grid() ? GridPicture(radiance.grid(), info, part, camera_to_world,
+                                                     drawn, objects, pool, at, cancel)
+                                             .render(n)
+                                       : internal::render_network(radiance, part, camera_to_world,
+                                                                  drawn, objects, pool, at, cancel);
+    if (insertion) insertion->finish(objects, part, to_engine, drawn, pool, picture);
+    return picture;
   };
   Frame frame = n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
                       : render_part(camera, progress);

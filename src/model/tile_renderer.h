@@ -9,6 +9,7 @@
 
 #include "math/wanted_pixels.h"
 #include "model/grid_integrator.h"
+#include "model/object_pixels.h"
 #include "model/ray_layers.h"
 #include "nerf/model/renderer.h"
 #include "nerf/parts/beam.h"
@@ -22,12 +23,13 @@ class TileRenderer {
   // packs: of the field's networks; must outlive this.
   TileRenderer(const GridField& field, const LayerPacks& packs, const Camera& camera,
                const Pose& pose, const ModelInfo& info, const RenderOptions& options,
-               const std::optional<ObliqueBox>& box)
+               const ObjectPixels& objects, const std::optional<ObliqueBox>& box)
       : occupancy_(field.occupancy),
         camera_(camera),
         pose_(pose),
         near_(info.near),
         options_(options),
+        objects_(objects),
         integrator_(field, packs, options, box) {
     if (options.layers) layers_.emplace(field, *options.layers, info.to_engine);
   }
@@ -135,6 +137,7 @@ class TileRenderer {
     ray.clear = clear;
     ray.time = options_.time;
     ray.background = options_.background;
+    objects_.cut(static_cast<size_t>(pixel(x, y)), ray);
     if (layers_) rays_[static_cast<size_t>(place)] = ray;
     integrator_.add(ray, place);
   }
@@ -157,6 +160,7 @@ class TileRenderer {
   const Pose& pose_;
   double near_;
   const RenderOptions& options_;
+  const ObjectPixels& objects_;
   GridIntegrator integrator_;
   static constexpr int kBlock = 8;  // pixels along the side of a part of a tile
   // Of the tile: where it is, its rays' directions row by row, and their results.

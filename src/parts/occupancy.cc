@@ -65,6 +65,11 @@ OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side
   rebuild(0.01_r);
 }
 
+void OccupancyGrid::remember_moments() {
+  most_ = AlignedArray<Real>(opacity_.size());
+  std::ranges::copy(opacity_, most_.begin());
+}
+
 bool OccupancyGrid::occupied(const Vec3& p) const {
   const int c = cascade_of(p);
   if (c >= cascades_) return false;
@@ -107,6 +112,8 @@ void OccupancyGrid::rebuild(Real threshold, ThreadPool* pool) {
       for (size_t i = 0; i < items; ++i) one(static_cast<int64_t>(i));
   };
 
+  // Decides which cells are in use; a negative number of either is off.
+  const Real* const present = most_.size() > 0 ? most_.data() : opacity_.data();
   std::vector<double> sums(items);
   std::vector<int64_t> counts(items);
   std::vector<uint8_t> off(masks_.size());
@@ -118,9 +125,10 @@ void OccupancyGrid::rebuild(Real threshold, ThreadPool* pool) {
       Real sum = 0;
       int64_t on = 0;
       for (size_t i = 0; i < 64; ++i) {
-        const Real a = opacity_[b * 64 + i];
-        sum += std::max(a, 0.0_r);
-        on += a >= 0;
+        if (opacity_[b * 64 + i] < 0) continue;
+        const Real a = present[b * 64 + i];
+        sum += a;
+        ++on;
         solid_[b] |= uint64_t{a >= kSolid} << i;
       }
       sums[item] += static_cast<double>(sum);
@@ -148,7 +156,8 @@ void OccupancyGrid::rebuild(Real threshold, ThreadPool* pool) {
         const Real a = opacity_[b * 64 + i];
         const Real root = std::sqrt(std::max(a, 0.0_r)) * 255.0_r + 0.5_r;
         const uint8_t level = static_cast<uint8_t>(std::min(std::max(root, 1.0_r), 255.0_r));
-        levels[i] = a >= limit && a > 0 ? level : uint8_t{0};
+        const Real most = a < 0 ? a : present[b * 64 + i];
+        levels[i] = most >= limit && most > 0 ? level : uint8_t{0};
       }
       keep_neighbours_of_solid(b);
       for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels[i] != 0} << i;
@@ -180,6 +189,7 @@ void OccupancyGrid::set_levels(std::span<const uint8_t> levels) {
 
 void OccupancyGrid::forget_training() {
   opacity_ = {};
+  most_ = {};
   solid_ = {};
 }
 

@@ -28,37 +28,11 @@ double GridTrainer::camera_rate() const {
   return r.rate * rate_factor * std::pow(r.final_rate, progress_at(done));
 }
 
-void GridTrainer::move_cameras() {
-  if (done < options.grid_recipe.cameras.first_step || !given.empty()) return;
-  find_camera_gradient();
-  cameras->update(camera_rate());
+bool GridTrainer::cameras_learn() const {
+  return cameras && done >= options.grid_recipe.cameras.first_step && given.empty();
 }
 
 void GridTrainer::find_camera_gradient() {
-  constexpr int64_t kStretch = 16;  // chunks
-  const int64_t ld = kChunkSamples, levels = static_cast<int64_t>(field.shape.levels.size());
-  std::ranges::fill(d_position, 0.0_r);
-  // Level after level, so that a sample's sum has one order.
-  for (int64_t l = 0; l < open_levels(); ++l) {
-    const HashGridLevel& level = field.shape.levels[static_cast<size_t>(l)];
-    pool.parallel_for((batch.chunks + kStretch - 1) / kStretch, [&](int64_t stretch) {
-      const int64_t end = std::min<int64_t>(batch.chunks, (stretch + 1) * kStretch);
-      for (int64_t c = stretch * kStretch; c < end; ++c) {
-        const GridPoints p = points_of(c);
-        Real* const d = d_position.data() + c * 3 * ld;
-        const auto add = [&](const auto* table) {
-          hash_grid_position_backward(level, table + level.begin(), p.x, p.y, p.z,
-                                      chunk_kept[static_cast<size_t>(c)],
-                                      d_features.data() + (c * levels + l) * level.features * ld,
-                                      ld, d, d + ld, d + 2 * ld);
-        };
-        if (field.options.table_bits == 16)
-          add(field.half_table.data());
-        else
-          add(field.table.data());
-      }
-    });
-  }
   pool.parallel_for(batch.chunks, [&](int64_t c) { find_ray_moves(c); });
   // Chunks that this batch does not fill hold rays of one before.
   cameras->add(std::span(ray_moves).first(static_cast<size_t>(batch.chunks) * kChunkRays));

@@ -24,7 +24,8 @@ GridLosses GridTrainer::losses(const PixelLoss& pixel) const {
           .on_weights = has_losses_on_weights(),
           .shared_colour = static_cast<Real>(r.shared_colour),
           .stop_transmittance = static_cast<Real>(r.stop_transmittance),
-          .roulette = static_cast<Real>(r.gradient_roulette)};
+          .roulette = static_cast<Real>(r.gradient_roulette),
+          .on_position = moving && cameras};
 }
 
 void GridTrainer::bind(int64_t c, const GridTape& tape, Chunk& chunk) {
@@ -39,6 +40,16 @@ void GridTrainer::bind(int64_t c, const GridTape& tape, Chunk& chunk) {
   const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
   std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
   std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
+  if (moving) {
+    const auto from = {&batch.x, &batch.y, &batch.z};
+    Real* to = chunk.data(tape.position);
+    for (const auto* a : from) {
+      std::memcpy(to, a->data() + c * ld, ld * sizeof(Real));
+      to += chunk.stride(tape.position);
+    }
+    std::memcpy(chunk.data(tape.time), batch.time.data() + c * kChunkRays,
+                kChunkRays * sizeof(Real));
+  }
   for (int r = 0; tape.photo >= 0 && r < chunk.rays; ++r)
     chunk.data(tape.photo)[r] =
         static_cast<Real>(batch.photo[static_cast<size_t>(c * kChunkRays + r)]);
@@ -127,6 +138,10 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       if (has_losses_on_weights()) add_losses_on_weights(c, tape, chunk);
       tape.tape.backward(chunk);
       keep_samples(c, chunk);
+      if (moving && cameras)
+        for (int k = 0; k < 3; ++k)
+          std::copy_n(chunk.gradient(tape.position) + k * chunk.stride(tape.position),
+                      chunk.samples, moving->d_points.data() + (3 * c + k) * ld);
       std::memcpy(densities.data() + c * ld, chunk.data(tape.density), ld * sizeof(Real));
       chunk_loss[static_cast<size_t>(c)] = chunk.loss;
       note_pixels(c, tape, chunk);

@@ -18,6 +18,7 @@ void visit_arrays(T& t, Visit&& visit) {
   visit("networks_m", t.dense->m.span());
   visit("networks_v", t.dense->v.span());
   visit("opacity", t.field.occupancy.training_state());
+  if (t.moving) visit("opacity_most", t.field.occupancy.moments_state());
   if (t.cameras) CameraRefinement::visit_arrays(*t.cameras, visit);
   if (t.robust) RobustMask::visit_arrays(*t.robust, visit);
 }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/half.h"
+#include "nerf/kernels/roulette.h"
 #include "nerf/model/level_order.h"
 #include "train/finest_resolution.h"
 #include "train/free_space.h"
@@ -59,7 +60,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       distortion(distortion_weight(o, s)),
       depth_weight(depth_loss_weight(o, s, p)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
-            learnt_light(o.grid_recipe.light, source.files())),
+            learnt_light(o.grid_recipe.light, source.files()), o.grid_recipe.motion.shape()),
       optimiser(field),
       maker(source, field, distortion > 0 || depth_weight > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
@@ -75,6 +76,9 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   };
   add("density", field.density_layers);
   add("colour", field.colour_layers);
+  if (!field.motion.empty())
+    sections.push_back({"the motion's networks", field.motion.begin, field.motion.end, 0,
+                        o.grid_recipe.motion.rate});
   const LightRecipe& light = o.grid_recipe.light;
   const auto add_book = [&](const char* name, const LinearWeights& book, double rate,
                             double decay) {
@@ -95,9 +99,13 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   if (o.grid_recipe.cameras.refine == RefineCameras::kOn) {
     cameras = std::make_unique<CameraRefinement>(scene, photos, o.grid_recipe.cameras, source);
     batch.keep_lines();
-    d_position = AlignedArray<Real>(3 * columns);
     ray_moves.resize(batch.weight.size());
   }
+  if (!field.motion.empty()) {
+    moving = std::make_unique<MovingSamples>(field, dense->packs(), batch.max_chunks, pool.size());
+    if (cameras) moving->d_points = AlignedArray<Real>(3 * columns);
+  }
+  if (cameras || moving) d_position = AlignedArray<Real>(3 * columns);
   if (const double share = o.grid_recipe.light.robust.share; share > 0) {
     robust = std::make_unique<RobustMask>(p, s.train, share);
     maker.use_tiles(*robust);
@@ -136,6 +144,7 @@ uint64_t GridTrainer::memory_bytes(const TrainOptions& options, bool unbounded, 
 
 void GridTrainer::initialise() {
   field.initialise(options.seed ^ salt);
+  if (!field.motion.empty()) field.occupancy.remember_moments();
   optimiser.take_weights(field);
   // A finer cascade answers for the middle of a coarser one.
   for (int c = 1; c < field.occupancy.cascades(); ++c)
@@ -152,6 +161,7 @@ void GridTrainer::initialise() {
 
 GridPoints GridTrainer::points_of(int64_t chunk) const {
   const int64_t at = chunk * kChunkSamples;
+  if (moving) return {moving->x.data() + at, moving->y.data() + at, moving->z.data() + at};
   return {batch.x.data() + at, batch.y.data() + at, batch.z.data() + at};
 }
 
@@ -172,6 +182,7 @@ void GridTrainer::draw() {
 }
 
 void GridTrainer::look_up() {
+  if (moving) find_canonical();
   const int64_t ld = kChunkSamples;
   const int64_t level_count = static_cast<int64_t>(field.shape.levels.size());
   const int64_t rows = field.shape.features_per_entry();
@@ -192,6 +203,11 @@ void GridTrainer::look_up() {
 void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
   chunk_kept[static_cast<size_t>(c)] = chunk.samples;
   batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), chunk.samples);
+  if (!moving) return;
+  for (auto* a : {&moving->x, &moving->y, &moving->z})
+    keep_columns(1, chunk.roulette.kept.data(), chunk.samples, a->data() + c * kChunkSamples,
+                 kChunkSamples);
+  std::copy_n(chunk.ray_begin, chunk.rays + 1, moving->ray_begin.data() + c * (kChunkRays + 1));
 }
 
 AdamStep GridTrainer::dense_step() const {
@@ -204,7 +220,6 @@ AdamStep GridTrainer::dense_step() const {
 void GridTrainer::scatter(StepReport& report) {
   const int64_t ld = kChunkSamples;
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
-  if (cameras) move_cameras();
   const AdamStep step = adam_at(done);
   const int64_t open = open_levels();
   bias_corrections(step, corrections.data());

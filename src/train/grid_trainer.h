@@ -45,6 +45,15 @@ struct GridHead {
   std::vector<std::unique_ptr<Chunk>> workers;
 };
 
+// Of a scene that moves: where a step's samples stand in the canonical scene, and the way there.
+struct MovingSamples {
+  MovingSamples(const GridField& field, const LayerPacks& packs, int max_chunks, int threads);
+  AlignedArray<Real> x, y, z;      // grid coordinates, [chunk][kChunkSamples]
+  std::vector<int32_t> ray_begin;  // of the samples that learn, as RayBatch::ray_begin
+  AlignedArray<Real> d_points;     // gradient by position of what the head adds, [chunk][3][.]
+  std::vector<std::unique_ptr<MotionChunk>> workers;  // one per thread
+};
+
 struct GridTrainer final : TrainerImpl {
   GridTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
               ThreadPool& pool);
@@ -55,6 +64,7 @@ struct GridTrainer final : TrainerImpl {
   void draw() override;
   void look_up() override;
   HeadSums head(StepReport& report) override;
+  void trace_positions() override;
   void render() override;
   int64_t most_rays() const override;
   AdamStep dense_step() const override;
@@ -92,17 +102,24 @@ struct GridTrainer final : TrainerImpl {
   void keep_samples(int64_t c, Chunk& chunk);
   // What the report says of chunk c's pixels.
   void note_pixels(int64_t c, const GridTape& tape, const Chunk& chunk);
+  // Of positions (grid_positions.cc): the samples' places in the canonical scene; the gradient by
+  // these, through the lookups of what learns; and from there to the warp's weights.
+  void find_canonical();
+  void find_position_gradient();
+  void trace_motion();
   // Of refined cameras (grid_cameras.cc): levels of the table that are looked up, the size of a
-  // camera's step, that step where it is due, the gradient of the step's rays, and chunk c of it.
+  // camera's step, whether that step is due, and the gradient of the step's rays and of chunk c.
   int64_t open_levels() const;
   double camera_rate() const;
-  void move_cameras();
+  bool cameras_learn() const;
   void find_camera_gradient();
   void find_ray_moves(int64_t c);
   // Leaves out what does not belong to the scene, between the passes over chunk c. Takes on from
   // the chunk's random numbers.
   void leave_out(int64_t c, const GridTape& tape, Random& random, Chunk& chunk);
   void observe_samples();
+  // Of the points of a block of the occupancy's refresh.
+  Real moment(int64_t block) const;
   // Over the step's rays, those that met no matter included, and channels.
   double mean_squared_error() const;
   void initialise();
@@ -125,7 +142,8 @@ struct GridTrainer final : TrainerImpl {
   std::vector<double> chunk_loss, chunk_opacity, chunk_squared_error;  // sums over rays
   std::unique_ptr<RobustMask> robust;                                  // none: every pixel teaches
   std::vector<Real> ray_errors;  // then: absolute, mean over channels; [chunk][kChunkRays]
-  std::unique_ptr<CameraRefinement> cameras;  // none: they stay, and so is nothing of these kept
+  std::unique_ptr<CameraRefinement> cameras;  // none: they stay
+  std::unique_ptr<MovingSamples> moving;      // none: the scene stands still
   AlignedArray<Real> d_position;              // grid coordinates, [chunk][3][kChunkSamples]
   std::vector<RayMove> ray_moves;             // [chunk][kChunkRays]
 

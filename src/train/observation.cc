@@ -24,6 +24,13 @@ void GridTrainer::observe_samples() {
   }
 }
 
+// A cell is on where there is matter at any moment: its points are of random photos' moments.
+Real GridTrainer::moment(int64_t block) const {
+  if (!moving) return 0;
+  Random random(seed(), random_key(RandomStream::kMoment, done), static_cast<uint64_t>(block));
+  return source.time_of(static_cast<size_t>(random.below(source.photos())));
+}
+
 // One random point in one cell of every group of `group` cells.
 void GridTrainer::refresh() {
   constexpr int64_t kInterval = 16, kMostPoints = 1 << 17;
@@ -59,7 +66,8 @@ void GridTrainer::refresh() {
       ++n;
     }
     const size_t count = static_cast<size_t>(n);
-    query->ask({std::span(at_points, count), {}}, {std::span(density, count), {}, {}});
+    query->ask({std::span(at_points, count), {}, moment(block)},
+               {std::span(density, count), {}, {}});
     for (int k = 0; k < n; ++k)
       grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
   });

@@ -40,6 +40,8 @@ class DenseParameters {
   int accumulators() const { return static_cast<int>(accumulators_.size()); }
   // An accumulator, set to zero.
   Real* begin_sum(int64_t a);
+  // The same, as it is.
+  Real* sum(int64_t a) { return accumulators_[static_cast<size_t>(a)].data(); }
 
   // After every change of the weights.
   void pack(Precision precision, ThreadPool& pool);

@@ -30,6 +30,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   weight.resize(static_cast<size_t>(max) * kChunkRays);
   depth.resize(weight.size());
   photo.resize(weight.size());
+  time.resize(weight.size());
   tile.resize(weight.size());
 }
 
@@ -57,7 +58,7 @@ RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, 
                              ThreadPool& pool)
     : source_(source), field_(field), intervals_(intervals), pool_(pool) {
   for (int i = 0; i < pool.size(); ++i)
-    samplers_.emplace_back(field.occupancy, field.options.sampler, field.clip);
+    samplers_.emplace_back(field.occupancy, field.sampler(), field.clip);
   scratch_.resize(static_cast<size_t>(pool.size()));
   randoms_.resize(scratch_.size());
 }
@@ -101,6 +102,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     if (given.empty()) record.source = static_cast<int32_t>(pixel.source);
     record.weight = pixel.weight;
     record.photo = pixel.ray.photo;
+    record.time = pixel.ray.time;
     if (robust_ && given.empty()) record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
@@ -171,6 +173,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     batch.weight[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.weight;
     batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
     batch.photo[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.photo;
+    batch.time[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.time;
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];

@@ -49,6 +49,7 @@ class PixelSource {
   // Photos of different files: Ray::photo is one of them, the same at every scale.
   const std::vector<std::string>& files() const { return file_names_; }
   int file_of(size_t i) const { return files_[i]; }
+  Real time_of(size_t i) const { return times_[i]; }  // Ray::time
   // Of the i-th training photo: camera-to-engine, and the camera at the photo's size. They begin as
   // the scene's.
   const Pose& pose_of(size_t i) const { return poses_[i]; }
@@ -114,6 +115,7 @@ struct RayBatch {
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
   std::vector<int32_t> tile;                         // of RobustMask, as `weight`; below 0: none
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
+  std::vector<Real> time;                            // Ray::time, as `weight`
   std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
@@ -165,7 +167,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
-    Real depth = 0;
+    Real depth = 0, time = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step

@@ -63,6 +63,7 @@ StepReport TrainerImpl::complete() {
   const TrainProfile before = profile;
   StepReport report;
   const HeadSums sums = head(report);
+  trace_positions();
   lap.into(profile.network);
   // Infinite or not a number: stopped before it reaches the weights.
   if (!std::isfinite(report.loss + sums.squared_error))

@@ -49,6 +49,9 @@ struct TrainerImpl {
     double opacity = 0;        // summed over the report's rays
   };
   virtual HeadSums head(StepReport& report) = 0;
+  // From the gradient of features to that of the samples' positions, and of what these depend on:
+  // warps, cameras. Behind the head, before anything is updated.
+  virtual void trace_positions() {}
   // Of an open step: the networks of all rays without going back. Fills in `pixels`.
   virtual void render() = 0;
   virtual int64_t most_rays() const { return 1 << 20; }

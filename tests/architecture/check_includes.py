@@ -12,7 +12,7 @@ import pathlib
 import re
 import sys
 
-LAYERS = ["base", "math", "kernels", "autodiff", "parts", "model", "io", "train"]
+LAYERS = ["base", "math", "geometry", "kernels", "autodiff", "parts", "model", "io", "train"]
 INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"(?P<quoted>[^"]*)"|<(?P<angled>[^>]*)>|(?P<other>\S+))')
 STANDARD = re.compile(r"^[a-z_0-9]+$")  # <vector>, <cstdint>; not <unistd.h>, <fmt/core.h>
 

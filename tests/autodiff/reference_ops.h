@@ -12,6 +12,7 @@
 #include "nerf/math/reference/huber.h"
 #include "nerf/math/reference/linear.h"
 #include "nerf/math/reference/pixel_losses.h"
+#include "nerf/math/reference/rigid_motion.h"
 #include "nerf/math/reference/spherical_harmonics.h"
 #include "nerf/math/reference/transient.h"
 #include "nerf/math/reference/values.h"
@@ -79,6 +80,12 @@ Columns<T> add(const Columns<T>& a, const Columns<T>& b) {
 template <class T>
 Columns<T> multiply(const Columns<T>& a, const Columns<T>& b) {
   return each_pair(a, b, [](const auto& x, const auto& y) { return reference::multiply(x, y); });
+}
+
+template <class T>
+Columns<T> rigid_motion(const Columns<T>& screw, const Columns<T>& x) {
+  return each_pair(screw, x,
+                   [](const auto& s, const auto& p) { return reference::rigid_motion(s, p); });
 }
 
 template <class T>

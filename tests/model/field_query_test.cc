@@ -23,12 +23,12 @@ struct Named {
 };
 
 // Tables of features of any size, so that densities differ from place to place.
-std::unique_ptr<Field> some_grid(bool unbounded, int table_bits) {
+std::unique_ptr<Field> some_grid(bool unbounded, int table_bits, const MotionShape& motion = {}) {
   GridOptions options = small_options(1, 1);
   options.levels = 2;
   options.finest_resolution = 16;
   options.table_bits = table_bits;
-  auto field = std::make_unique<GridField>(options, unbounded, 1);
+  auto field = std::make_unique<GridField>(options, unbounded, 1, CodeShape{}, motion);
   field->initialise(3);
   Random random(7, 0, 0);
   for (Real& v : field->table) v = 2 * random.uniform() - 1;
@@ -36,6 +36,18 @@ std::unique_ptr<Field> some_grid(bool unbounded, int table_bits) {
   for (uint16_t& v : field->half_table)
     v = static_cast<uint16_t>(0x2c00 + random.below(0x1000) + (random.below(2) << 15));
   return field;
+}
+
+// Moves by a tenth or so.
+MotionShape some_motion(WarpKind kind) {
+  MotionShape motion;
+  motion.warp = {.kind = kind, .position_degrees = 2, .depth = 2, .width = 16, .last_bound = 0.1_r};
+  motion.ambient = 1;
+  motion.time_code = 4;
+  motion.time_degrees = 2;
+  motion.time_width = 16;
+  motion.point_degrees = 1;
+  return motion;
 }
 
 std::unique_ptr<Field> some_network(Space space, Encoding encoding) {
@@ -62,6 +74,10 @@ std::vector<Named> fields() {
     for (const int bits : {16, 32})
       all.push_back({std::string(unbounded ? "unbounded" : "bounded") + std::to_string(bits),
                      some_grid(unbounded, bits)});
+  for (const WarpKind kind : {WarpKind::kTranslation, WarpKind::kSe3})
+    for (const bool unbounded : {false, true})
+      all.push_back({std::string(unbounded ? "unbounded" : "bounded") + " that moves",
+                     some_grid(unbounded, 32, some_motion(kind))});
   all.push_back({"points", some_network(Space::kIdentity, Encoding::kFrequency)});
   all.push_back({"contracted", some_network(Space::kContract, Encoding::kFrequency)});
   all.push_back({"off-axis", some_network(Space::kContract, Encoding::kOffAxis)});
@@ -146,6 +162,59 @@ TEST(FieldQuery, SlopesAreThoseOfTheDensity) {
     EXPECT_GT(compared, 3 * kPoints * 3 / 4);
     EXPECT_GT(largest, 0.05);
   }
+}
+
+// A warp that moves everything alike: the density of a place is that of the still field elsewhere.
+TEST(FieldQuery, ATranslationLeadsToThePlaceOfAStillField) {
+  GridOptions options = small_options(1, 1);
+  MotionShape motion = some_motion(WarpKind::kTranslation);
+  motion.ambient = 0;
+  GridField moving(options, false, 1, CodeShape{}, motion), still(options, false, 1);
+  moving.initialise(3);
+  still.initialise(3);
+  Random random(7, 0, 0);
+  for (size_t i = 0; i < still.table.size(); ++i)
+    moving.table[i] = still.table[i] = 2 * random.uniform() - 1;
+  // The same density but for its further inputs, which count nothing.
+  const LinearWeights &to = moving.density_layers[0], &from = still.density_layers[0];
+  for (int j = 0; j < to.out; ++j)
+    for (int k = 0; k < to.in; ++k)
+      moving.weights[to.offset + static_cast<size_t>(j * weight_stride(to.in) + k)] =
+          k < from.in
+              ? still.weights[from.offset + static_cast<size_t>(j * weight_stride(from.in) + k)]
+              : 0.0_r;
+  const auto copy = [&](const LinearWeights& a, const LinearWeights& b) {
+    std::copy_n(still.weights.data() + b.offset, b.size(), moving.weights.data() + a.offset);
+  };
+  copy(moving.density_layers[1], still.density_layers[1]);
+  const LinearWeights& last = moving.motion.warp.last;
+  std::fill_n(moving.weights.data() + last.offset, last.size(), 0.0_r);
+  const Vec3d shift{0.125, -0.25, 0.0625};
+  for (int k = 0; k < 3; ++k)
+    moving.weights[last.bias_offset() + static_cast<size_t>(k)] = static_cast<Real>(shift[k]);
+
+  const auto at = some_points(kPoints, 0.7, 31);
+  std::vector<Vec3d> moved = at;
+  for (Vec3d& p : moved) p = p + shift;
+  std::vector<Real> seen(kPoints), expected(kPoints);
+  moving.query(nullptr)->ask({at, {}, 0.3_r}, {seen, {}, {}});
+  still.query(nullptr)->ask({moved, {}}, {expected, {}, {}});
+  // A place is rounded twice more, to the density's slope times so much.
+  for (size_t i = 0; i < kPoints; ++i)
+    EXPECT_NEAR(seen[i], expected[i], 2e3 * kRoundoff * static_cast<double>(expected[i])) << i;
+}
+
+TEST(FieldQuery, AMovingFieldDependsOnTime) {
+  const auto field = some_grid(true, 16, some_motion(WarpKind::kSe3));
+  EXPECT_TRUE(field->moves());
+  EXPECT_FALSE(some_grid(true, 16)->moves());
+  EXPECT_FALSE(some_network(Space::kIdentity, Encoding::kFrequency)->moves());
+  const auto at = some_points(8, 0.9, 11);
+  std::vector<Real> early(8), late(8);
+  const auto query = field->query(nullptr);
+  query->ask({at, {}, 0.0_r}, {early, {}, {}});
+  query->ask({at, {}, 1.0_r}, {late, {}, {}});
+  for (size_t i = 0; i < 8; ++i) EXPECT_NE(early[i], late[i]);
 }
 
 TEST(FieldQuery, KnowsWhereMatterMayBe) {

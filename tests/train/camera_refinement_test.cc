@@ -117,6 +117,7 @@ void compare_gradient(bool unbounded) {
   t.cameras->set_values(values);
   CarriedBatch batch(t);
   batch.loss();
+  t.find_position_gradient();
   t.find_camera_gradient();
   const std::vector<double> got = t.cameras->gradient();
 

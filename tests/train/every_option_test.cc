@@ -64,6 +64,13 @@ void learnt_light(Setting& s) {
   s.options.grid_recipe.light.appearance = {false, 4};
   s.options.grid_recipe.light.colour_correction = Switch::kOn;
 }
+void photos_of_two_moments(Setting& s) {
+  for (size_t v = 0; v < s.capture.scene.views.size(); v += 2) s.capture.scene.views[v].time = 1;
+}
+void moving(Setting& s) {
+  photos_of_two_moments(s);
+  s.options.grid_recipe.motion.deform = Deform::kTranslation;
+}
 void cameras_at_once(Setting& s) {
   s.options.grid_recipe.cameras.first_step = 2;
   s.options.grid_recipe.cameras.first_levels = 2;
@@ -146,6 +153,10 @@ const std::vector<Line>& table() {
       {"code_decay", {"50"}, learnt_light},
       {"colour_rate", {"0.5"}, learnt_light},
       {"colour_decay", {"50"}, learnt_light},
+      {"deform", {"translation"}, photos_of_two_moments},
+      {"ambient", {"2"}, moving},
+      {"motion_rate", {"0.9"}, moving},
+      {"motion_width", {"16"}, moving},
       {"refine_cameras", {"on"}, cameras_at_once},
       {"camera_rate", {"0.01"}, refined},
       {"camera_final_rate", {"0.5"}, refined},

@@ -1,6 +1,7 @@
 // Weights of linear layers: where they stand, and their packs.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <span>
 
@@ -9,6 +10,7 @@
 #include "nerf/base/threads.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf/kernels/linear.h"
+#include "nerf/math/random.h"
 
 namespace nerf {
 
@@ -37,6 +39,13 @@ struct LayerPacks {
   AlignedArray<uint16_t> bf16;  // of all layers; empty: the products are taken in f32
   AlignedArray<Real> f32;       // then: of the wide ones
 };
+
+// Draws a layer's first weights evenly from [-bound, bound]; its bias stays.
+void draw_weights(const LinearWeights& w, Real bound, Random random, Real* weights);
+// The bound of Glorot and Bengio 2010, equation 16.
+inline Real xavier_bound(const LinearWeights& w) {
+  return std::sqrt(6.0_r / static_cast<Real>(w.in + w.out));
+}
 
 // Places the layers' packs one behind the other.
 void place_packs(std::span<LinearWeights* const> layers);

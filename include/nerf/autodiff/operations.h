@@ -2,6 +2,7 @@
 // the samples, the rays or the groups of a chunk.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <span>
 #include <vector>
@@ -66,6 +67,11 @@ Value repeat_for(Tape& tape, Value x, Domain domain);
 // [1 x n] -> [w.in x n]: row floor(index) of the table w [w.out x w.in], whose numbers are learnt;
 // zeros where the index is below 0. A code for each photo (Bojanowski et al. 2018).
 Value table_rows(Tape& tape, Value index, const LinearWeights& w);
+
+// screw [6 x n], a rotation vector w above a velocity v; x [3 x n] -> [3 x n]: R x + G v, each
+// point moved by the screw of its own, the exponential of a rigid motion (Park et al. 2021,
+// equations 5 to 7). Exact and smooth at any angle |w|, 0 too; the angle's size is not limited.
+Value rigid_motion(Tape& tape, Value screw, Value x);
 
 // Spherical harmonics of the unit directions [3 x rays]: [16 x rays], or repeated for what belongs
 // to a ray, [16 x samples] or [16 x groups].
@@ -146,6 +152,17 @@ Value uncertain_loss(Tape& tape, Value pixel, Value target, Value scale, Real le
 
 // x [1 x samples]: 3 scale factor times the mean of x over each ray's samples. Adds to Chunk::loss.
 Value mean_loss(Tape& tape, Value x, Value scale, Real factor);
+
+// How far a map is from one that only turns and moves (Park et al. 2021, section 3.3), of the
+// columns [3 x samples] of its Jacobian: with s_k its singular values
+//   scale sum over a ray's samples of weight rho(sum_k log(max(s_k, 1e-6))^2),
+//   rho(q) = penalty 2 u / (u + 4),  u = q / penalty^2   (as the authors' code has it)
+// The weights [1 x samples] get no gradient. Adds to Chunk::loss.
+Value elastic_loss(Tape& tape, const std::array<Value, 3>& columns, Value weights, Value scale,
+                   Real penalty);
+// The same penalty of |moved - point|^2, both [3 x samples]: scale times its sum over a ray's
+// samples, of points that should stay where they are (ibid., section 3.4). Adds to Chunk::loss.
+Value still_loss(Tape& tape, Value moved, Value point, Value scale, Real penalty);
 
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the
 // chunk and times `scale` (1 / (3 rays of the step)); for |r| <= delta it equals r^2. Adds to

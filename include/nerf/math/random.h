@@ -27,6 +27,7 @@ enum class RandomStream : uint64_t {
   kPhotoOfStep = uint64_t{1} << 62,  // that all rays of a step come from
   // Added to a step.
   kOccupancy = uint64_t{1} << 62,  // places where cells are refreshed; the index is a group of them
+  kMoment = uint64_t{3} << 61,     // their moments; the index is a block of places
 };
 constexpr uint64_t random_key(RandomStream stream, int64_t number = 0) {
   return static_cast<uint64_t>(stream) + static_cast<uint64_t>(number);

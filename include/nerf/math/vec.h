@@ -110,6 +110,13 @@ struct Similarity {
   Pose apply_inverse(const Pose& p) const {
     return {rotation.transposed() * p.rotation, apply_inverse(p.translation)};
   }
+  Similarity inverse() const {
+    return {1 / scale, rotation.transposed(), rotation * center * -scale};
+  }
+  // First the other one, then this.
+  Similarity operator*(const Similarity& first) const {
+    return {scale * first.scale, rotation * first.rotation, first.apply_inverse(center)};
+  }
 };
 
 struct Box3 {

@@ -2,6 +2,7 @@
 //
 //   position -> [contract] -> hash grid (F L features) -> MLP -> h (16)
 //   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction, code))
+// Where the scene moves, positions are first led to the canonical scene (grid_motion.h).
 // (Mueller et al. 2022, section 5.4.) The code is the photo's, where light differs between photos
 // (Martin-Brualla et al. 2021, section 4.1).
 #pragma once
@@ -18,6 +19,7 @@
 #include "nerf/kernels/hash_grid.h"
 #include "nerf/math/contraction.h"
 #include "nerf/model/field.h"
+#include "nerf/model/grid_motion.h"
 #include "nerf/model/pixel_loss.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
@@ -96,7 +98,8 @@ HashGridShape hash_grid_shape(const GridOptions& options);
 
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField final : Field {
-  GridField(const GridOptions& options, bool unbounded, int cascades, const CodeShape& codes = {});
+  GridField(const GridOptions& options, bool unbounded, int cascades, const CodeShape& codes = {},
+            const MotionShape& motion = {});
   // Estimates: of a field, and of the weights of its networks.
   static uint64_t memory_bytes(const GridOptions& options, bool unbounded, int cascades);
   static uint64_t network_weights(const GridOptions& options);
@@ -109,12 +112,14 @@ struct GridField final : Field {
   AlignedArray<Real> table;
   AlignedArray<uint16_t> half_table;
   std::vector<LinearWeights> density_layers, colour_layers;
+  MotionNetworks motion;  // empty: the scene stands still
   CodeBooks books;
-  AlignedArray<Real> weights;  // of both networks, then the books
+  AlignedArray<Real> weights;  // of both networks, those of motion, then the books
   size_t network_size() const { return weights.size() - books.size(); }
   std::vector<LinearWeights> layers() const override;
   std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
   bool may_hold(const Vec3d& position) const override;
+  bool moves() const override { return !motion.empty(); }
   const CodeBooks& codes() const override { return books; }
   std::span<const Real> all_weights() const override { return weights.span(); }
   // The mean over the photos.
@@ -124,9 +129,19 @@ struct GridField final : Field {
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
 
+  // How rays are sampled. Where the scene moves the cached density is a mean over moments, by which
+  // no ray may end.
+  SamplerOptions sampler() const {
+    SamplerOptions s = options.sampler;
+    if (!motion.empty()) s.min_transmittance = 0;
+    return s;
+  }
+
   // Small random weights (tables U(-1e-4, 1e-4), networks Xavier-uniform), keyed by the seed.
   void initialise(uint64_t seed);
 
+  // Half the width of what the hash grid covers, engine units, contracted where unbounded.
+  Real extent() const { return unbounded ? 2 : 1; }
   // Position of p (engine coordinates) on the hash grid, [0, 1]^3: the box [-1, 1]^3, or contracted
   // space's [-2, 2]^3 where the scene is unbounded.
   Vec3 grid_position(const Vec3& p) const {
@@ -150,6 +165,7 @@ struct GridLosses {
   Real shared_colour = 0;
   Real stop_transmittance = 0;        // what gets less light learns nothing (shared colours only)
   std::optional<Real> roulette = {};  // see roulette(); without: every sample goes back
+  bool on_position = false;           // whether the caller asks for the gradient of `position`
 };
 
 // The field on a tape, with the values that a caller fills and reads.
@@ -164,6 +180,8 @@ struct GridTape {
   Value features = 0;          // in: [F L x samples]
   Value directions = 0;        // in: [3 x rays]
   Value delta = 0;             // in: [1 x samples]
+  Value position = -1;         // in, with motion: [3 x samples], grid coordinates, not canonical
+  Value time = -1;             // in, with motion: [1 x rays]
   Value background = 0;        // in: [3 x rays]
   Value photo = -1;            // in, training with codes: [1 x rays], Ray::photo
   Value code = -1;             // in, else, with an appearance code: [numbers x rays]

@@ -17,6 +17,7 @@
 
 namespace nerf {
 
+class Insertion;  // model/insertion.h
 class RadianceField;
 struct ModelInfo;
 
@@ -93,9 +94,11 @@ int rays_per_side(const RadianceField& field, const RenderOptions& options, cons
 
 // Renders the camera at camera.width x camera.height. `camera_to_world` in input coordinates,
 // OpenCV axes; so is the eye of a stereo panorama (math/camera.h), of which this is one half.
-// `progress` gets the fraction done in [0, 1], from one thread at a time. Throws Cancelled.
+// `progress` gets the fraction done in [0, 1], from one thread at a time. `insertion`: objects that
+// stand in the picture. Throws Cancelled.
 Frame render(const RadianceField& field, const Camera& camera, const Pose& camera_to_world,
              const RenderOptions& options, ThreadPool& pool,
-             const std::function<void(double)>& progress = {}, const Cancel* cancel = nullptr);
+             const std::function<void(double)>& progress = {}, const Cancel* cancel = nullptr,
+             const Insertion* insertion = nullptr);
 
 }  // namespace nerf

@@ -88,7 +88,13 @@ class OccupancyGrid {
     Real& a = opacity_[cell_of_all];
     if (a < 0 || !(seen >= 0)) return;
     a += kShare * (seen - a);
+    if (most_.size() == 0) return;
+    Real& most = most_[cell_of_all];
+    most = std::max(seen, most * kKept);
   }
+  // Of a scene that moves a cell is in use where any moment's points hold matter: beside the mean
+  // over its points and moments the most of them is remembered, which fades slowly.
+  void remember_moments();
   // Asks for the memory that observe() will change.
   void prefetch_memory(size_t cell_of_all) const {
     __builtin_prefetch(opacity_.data() + cell_of_all, 1, 3);
@@ -131,14 +137,17 @@ class OccupancyGrid {
   // Everything that training needs to go on, and what rendering needs.
   std::span<Real> training_state() { return opacity_.span(); }
   std::span<const Real> training_state() const { return opacity_.span(); }
+  std::span<Real> moments_state() { return most_.span(); }  // empty without remember_moments()
+  std::span<const Real> moments_state() const { return most_.span(); }
   std::span<const uint8_t> levels() const { return levels_.span(); }
   void set_levels(std::span<const uint8_t> levels);
-  // Frees what only training needs, 4 of about 5 bytes per cell.
+  // Frees what only training needs, at least 4 of about 5 bytes per cell.
   void forget_training();
 
  private:
   static constexpr Real kOff = -1;
   static constexpr Real kShare = 0.15_r;  // of a cell's memory that one point replaces
+  static constexpr Real kKept = 0.97_r;   // of what remember_moments() asks for, by each point
   static constexpr int kMostCascades = 16;
   size_t index(int cascade, int64_t cell) const {
     return static_cast<size_t>(cascade) * static_cast<size_t>(cells()) + static_cast<size_t>(cell);
@@ -152,6 +161,7 @@ class OccupancyGrid {
   int cascades_, side_;
   std::array<Real, kMostCascades> cell_widths_{};
   AlignedArray<Real> opacity_;
+  AlignedArray<Real> most_;       // see remember_moments()
   AlignedArray<uint8_t> levels_;  // 0 = empty; else opacity = (level / 255)^2
   std::vector<uint64_t> masks_, solid_;
   std::vector<uint8_t> clearance_;  // of each brick

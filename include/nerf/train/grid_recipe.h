@@ -6,6 +6,7 @@
 #include "nerf/base/options.h"
 #include "nerf/train/camera_recipe.h"
 #include "nerf/train/light_recipe.h"
+#include "nerf/train/motion_recipe.h"
 
 namespace nerf {
 
@@ -30,6 +31,7 @@ struct GridRecipe {
   bool keep_unseen = false, keep_transparent = false, keep_free = false;
   LightRecipe light;
   CameraRecipe cameras;
+  MotionRecipe motion;
 
   template <class V>
   void visit_options(V& v) {
@@ -86,6 +88,7 @@ struct GridRecipe {
       "see, may hold matter too, where a scene is unbounded");
     light.visit_options(v);
     cameras.visit_options(v);
+    motion.visit_options(v);
     for (const char* name : {"network_l2", "late_levels", "coarse_photos", "error_guidance"})
       v.retired(name, 0.0);
     v.retired("every_row", false);

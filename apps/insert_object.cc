@@ -1,0 +1,145 @@
+#include "insert_object.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <numbers>
+
+#include "nerf/base/error.h"
+#include "nerf/base/nearest_name.h"
+#include "nerf/io/mesh_file.h"
+#include "nerf/io/object_file.h"
+#include "nerf/model/integrator.h"
+
+namespace nerf::apps {
+namespace {
+
+constexpr const char* kFloor = "floor";
+
+const ModelView& view_named(const std::string& name, const ModelInfo& info) {
+  if (info.views.empty()) throw Error("the model knows of no views", "--place", "give --at");
+  if (name == kFloor) return info.views.front();
+  std::vector<std::string> names;
+  for (const ModelView& view : info.views) {
+    if (view.name == name || std::filesystem::path(view.name).stem() == name) return view;
+    names.push_back(view.name);
+  }
+  throw Error("'" + name + "' is no view of the model", "--place", nearest_name_hint(name, names));
+}
+
+// The middle of what a few pixels around one see. Engine coordinates.
+Vec3d surface_under(const PlacePixel& place, const RadianceField& field,
+                    const RenderOptions& render, ThreadPool& pool) {
+  const ModelView& view = view_named(place.view, field.info());
+  const Camera camera = view.camera.in_unit(field.info().to_engine.scale);
+  const Pose pose = field.info().to_engine.apply(view.pose);
+  if (!(place.pixel.x >= 0 && place.pixel.y >= 0 && place.pixel.x <= camera.width &&
+        place.pixel.y <= camera.height))
+    throw Error(fmt::format("view {} has {} x {} pixels", view.name, camera.width, camera.height),
+                "--place");
+  std::vector<Ray> rays;
+  for (int y = -2; y <= 2; ++y)
+    for (int x = -2; x <= 2; ++x) {
+      auto ray = camera_ray(camera, pose, {place.pixel.x + x, place.pixel.y + y});
+      if (!ray) continue;
+      ray->near = field.info().near;
+      ray->time = render.time;
+      rays.push_back(*ray);
+    }
+  const RayResults seen = integrate(field, rays, {}, render, pool);
+  std::vector<Real> distances;
+  for (const Real d : seen.median)
+    if (d > 0) distances.push_back(d);
+  const auto ray = camera_ray(camera, pose, place.pixel);
+  if (2 * distances.size() <= rays.size() || !ray)
+    throw Error("nothing is seen in this pixel", "--place", "give another one, or --at");
+  const auto middle = distances.begin() + static_cast<ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return ray->origin + ray->direction * static_cast<double>(*middle);
+}
+
+Mat3d turn_about(int axis, double degrees) {
+  const double a = degrees * std::numbers::pi / 180, c = std::cos(a), s = std::sin(a);
+  const size_t u = static_cast<size_t>((axis + 1) % 3), v = static_cast<size_t>((axis + 2) % 3);
+  Mat3d r;
+  r.m[u][u] = r.m[v][v] = c;
+  r.m[u][v] = -s;
+  r.m[v][u] = s;
+  return r;
+}
+
+}  // namespace
+
+void InsertOptions::check_options() const {
+  if (insert.empty()) {
+    const InsertOptions none;
+    if (at || !place.empty() || light || scale != none.scale || !(rotate == none.rotate) ||
+        !field_light || !object_shadow)
+      throw Error("there is no object to place", "--insert", "give --insert FILE");
+    return;
+  }
+  if (at && !place.empty())
+    throw Error("--at and --place exclude each other", "--place", "give one of them");
+  if (!place.empty() && !parse_place(place))
+    throw Error("'" + place + "' is no place", "--place", "give VIEW@X,Y, as in floor@400,300");
+  if (!field_light && !light)
+    throw Error("no light is left", "--no-field-light", "give --light X,Y,Z");
+  if (light && !(length(*light) > 0)) throw Error("a light needs a direction", "--light");
+}
+
+std::optional<PlacePixel> parse_place(const std::string& text) {
+  const size_t at = text.rfind('@');
+  if (at == std::string::npos || at == 0) return std::nullopt;
+  PlacePixel place{text.substr(0, at), {}};
+  const char* end = text.data() + text.size();
+  const auto x = std::from_chars(text.data() + at + 1, end, place.pixel.x);
+  if (x.ec != std::errc() || x.ptr == end || *x.ptr != ',') return std::nullopt;
+  const auto y = std::from_chars(x.ptr + 1, end, place.pixel.y);
+  if (y.ec != std::errc() || y.ptr != end) return std::nullopt;
+  return place;
+}
+
+Similarity object_to_input(const InsertOptions& options, const RadianceField& field,
+                           const SceneObject& object, const RenderOptions& render,
+                           ThreadPool& pool) {
+  const ModelInfo& info = field.info();
+  const Mat3d turn = turn_about(2, options.rotate.z) * turn_about(1, options.rotate.y) *
+                     turn_about(0, options.rotate.x);
+  // x -> at + scale * upright * turn * (x - pivot).
+  const Mat3d upright = input_to_gltf(info).rotation.transposed();
+  Vec3d at = options.at.value_or(info.to_engine.center), pivot;
+  if (const auto place = parse_place(options.place)) {
+    at = info.to_engine.apply_inverse(surface_under(*place, field, render, pool));
+    Box3 box;  // of the turned object
+    for (const Vec3& p : object.mesh.positions) box.extend(turn * p.cast<double>());
+    pivot = turn.transposed() * Vec3d{box.center().x, box.min.y, box.center().z};
+  }
+  const Mat3d rotation = upright * turn;
+  // Similarities take their centre to the origin.
+  return {options.scale, rotation, pivot - rotation.transposed() * at / options.scale};
+}
+
+InsertedObject insert_object(const InsertOptions& options, const RadianceField& field,
+                             const RenderOptions& render, ThreadPool& pool) {
+  InsertedObject inserted;
+  if (options.insert.empty()) return inserted;
+  ReadObject read = read_object(options.insert);
+  inserted.notes = std::move(read.notes);
+  const Similarity& to_engine = field.info().to_engine;
+  place_object(to_engine * object_to_input(options, field, read.object, render, pool), read.object);
+  InsertionOptions insertion;
+  insertion.field_light = options.field_light;
+  insertion.shadows = options.object_shadow;
+  if (options.light) {
+    const double strength = length(*options.light);
+    insertion.lights.push_back(
+        {to_engine.rotation * (*options.light / strength), Vec3d{1, 1, 1} * strength});
+  }
+  inserted.insertion =
+      std::make_unique<Insertion>(field, std::move(read.object), insertion, render, pool);
+  return inserted;
+}
+
+}  // namespace nerf::apps

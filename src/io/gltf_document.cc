@@ -1,0 +1,173 @@
+#include "gltf_document.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <set>
+#include <string_view>
+
+#include "colmap.h"
+#include "nerf/base/error.h"
+#include "nerf/base/file.h"
+
+namespace nerf::internal {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uint64_t kMostBytes = uint64_t{2} << 30;  // of a file; tinygltf counts in 32 bits
+constexpr const char* kHint = "export the object again";
+
+std::string one_line(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  while (!text.empty() && text.back() == ' ') text.pop_back();
+  return printable(text);
+}
+
+bool file_exists(const std::string& name, void*) {
+  std::error_code ignored;
+  return fs::is_regular_file(name, ignored);
+}
+std::string same_path(const std::string& name, void*) { return name; }
+bool read_whole(std::vector<unsigned char>* out, std::string* problem, const std::string& name,
+                void*) {
+  try {
+    *out = read_file(name, kMostBytes);
+    return true;
+  } catch (const Error& error) {
+    if (problem) *problem += error.what();
+    return false;
+  }
+}
+bool write_nothing(std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
+  return false;
+}
+
+// Keeps the file's bytes: they are decoded where they are used.
+bool keep_bytes(tinygltf::Image* image, const int, std::string*, std::string*, int, int,
+                const unsigned char* bytes, int size, void*) {
+  image->image.assign(bytes, bytes + std::max(size, 0));
+  return true;
+}
+
+// What tinygltf 2.7 takes without a look.
+void check_document(const tinygltf::Model& model, const fs::path& path) {
+  const std::set<std::string> known{"KHR_materials_unlit", "KHR_mesh_quantization",
+                                    "KHR_materials_emissive_strength"};
+  for (const std::string& name : model.extensionsRequired)
+    if (!known.contains(name))
+      throw Error("needs the extension " + printable(name) + ", which is not known here",
+                  path.string(), "export the object without it (and without compression)");
+  for (size_t i = 0; i < model.buffers.size(); ++i)
+    if (model.buffers[i].data.empty())
+      throw Error(fmt::format("buffer {} is missing", i), path.string(),
+                  "copy the file together with those that it names, or export a GLB");
+}
+
+}  // namespace
+
+tinygltf::Model load_gltf(const fs::path& path) {
+  const std::vector<uint8_t> bytes = read_file(path, kMostBytes);
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const size_t first = text.find_first_not_of(" \t\r\n\xef\xbb\xbf");
+  const bool binary = text.starts_with("glTF");
+  if (!binary && (first == text.npos || text[first] != '{'))
+    throw Error("is not a glTF file", path.string(), "give a .glb or .gltf");
+  tinygltf::TinyGLTF loader;
+  loader.SetImageLoader(keep_bytes, nullptr);
+  loader.SetFsCallbacks({file_exists, same_path, read_whole, write_nothing, nullptr});
+  tinygltf::Model model;
+  std::string problem, warning;
+  bool good = false;
+  try {
+    const auto length = static_cast<unsigned>(bytes.size());
+    good = binary ? loader.LoadBinaryFromMemory(&model, &problem, &warning, bytes.data(), length,
+                                                path.parent_path().string())
+                  : loader.LoadASCIIFromString(&model, &problem, &warning, text.data(), length,
+                                               path.parent_path().string());
+  } catch (const std::exception& error) {
+    problem = error.what();
+  }
+  if (!good)
+    throw Error("cannot read the object: " + one_line(problem.empty() ? "damaged" : problem),
+                path.string(), kHint);
+  check_document(model, path);
+  return model;
+}
+
+GltfNumbers::GltfNumbers(const tinygltf::Model& model, int accessor, const std::string& what,
+                         const fs::path& path) {
+  const auto fail = [&](const std::string& problem) {
+    throw Error(what + ": " + problem, path.string(), kHint);
+  };
+  const auto has = [](const auto& list, int i) {
+    return i >= 0 && static_cast<size_t>(i) < list.size();
+  };
+  if (!has(model.accessors, accessor)) fail("there is no such accessor");
+  const tinygltf::Accessor& a = model.accessors[static_cast<size_t>(accessor)];
+  if (a.sparse.isSparse) fail("sparse accessors are not read");
+  if (!has(model.bufferViews, a.bufferView)) fail("the accessor has no data");
+  const tinygltf::BufferView& view = model.bufferViews[static_cast<size_t>(a.bufferView)];
+  if (!has(model.buffers, view.buffer)) fail("there is no such buffer");
+  const auto& data = model.buffers[static_cast<size_t>(view.buffer)].data;
+  const std::set<int> types{
+      TINYGLTF_COMPONENT_TYPE_BYTE,           TINYGLTF_COMPONENT_TYPE_SHORT,
+      TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE,  TINYGLTF_COMPONENT_TYPE_FLOAT,
+      TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT};
+  if (!types.contains(a.componentType)) fail("numbers of an unknown type");
+  type_ = a.componentType;
+  normalised_ = a.normalized;
+  components_ = a.type == TINYGLTF_TYPE_SCALAR ? 1 : a.type;
+  if (components_ < 1 || components_ > 4) fail("is no list of numbers or vectors");
+  bytes_ = tinygltf::GetComponentSizeInBytes(static_cast<uint32_t>(type_));
+  const size_t element = static_cast<size_t>(bytes_ * components_);
+  stride_ = view.byteStride == 0 ? element : view.byteStride;
+  count_ = a.count;
+  // Each sum below stays far from what 64 bits hold, since each term is checked against the file.
+  const size_t size = data.size();
+  if (view.byteOffset > size || view.byteLength > size - view.byteOffset)
+    fail("the buffer view ends behind its buffer");
+  if (stride_ < element) fail("elements overlap");
+  if (count_ == 0) fail("the accessor is empty");
+  if (a.byteOffset > view.byteLength || element > view.byteLength - a.byteOffset ||
+      (count_ - 1) > (view.byteLength - a.byteOffset - element) / stride_)
+    fail(fmt::format("says {} elements, more than its buffer view holds", count_));
+  data_ = data.data() + view.byteOffset + a.byteOffset;
+}
+
+double GltfNumbers::number(size_t i, int component) const {
+  const unsigned char* at = data_ + i * stride_ + static_cast<size_t>(component * bytes_);
+  const auto as = [&]<class T>(T value, double full) {
+    std::memcpy(&value, at, sizeof(T));
+    if (!normalised_) return static_cast<double>(value);
+    return std::max(static_cast<double>(value) / full, -1.0);
+  };
+  switch (type_) {
+    case TINYGLTF_COMPONENT_TYPE_BYTE:
+      return as(int8_t{}, 127);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+      return as(uint8_t{}, 255);
+    case TINYGLTF_COMPONENT_TYPE_SHORT:
+      return as(int16_t{}, 32767);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+      return as(uint16_t{}, 65535);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+      return as(uint32_t{}, 4294967295.0);
+    default:
+      break;
+  }
+  float value;
+  std::memcpy(&value, at, sizeof(float));
+  return double{value};
+}
+
+uint32_t GltfNumbers::index(size_t i) const {
+  const unsigned char* at = data_ + i * stride_;
+  uint32_t value = 0;  // little-endian, as the file
+  std::memcpy(&value, at, static_cast<size_t>(bytes_));
+  return value;
+}
+
+}  // namespace nerf::internal

@@ -1,0 +1,355 @@
+#include "nerf/model/insertion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "model/object_light.h"
+#include "model/object_pixels.h"
+#include "model/object_shadow.h"
+#include "nerf/base/error.h"
+#include "nerf/math/srgb.h"
+#include "nerf/model/integrator.h"
+#include "nerf/model/radiance_field.h"
+
+namespace nerf {
+
+using internal::Environment;
+using internal::ObjectPixels;
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr int kMostSurfaces = 16;      // that a ray passes
+constexpr double kSmooth = 0.3;        // up to this roughness reflections have rays of their own
+constexpr double kLeastMirror = 0.02;  // share of a reflection that is worth a ray
+
+// A surface that a pixel's ray meets.
+struct Met {
+  double t = 0;
+  double alpha = 1;
+  Vec3d light;  // linear, but for `mirror` times what the mirrored ray sees
+  Vec3d mirror;
+  Ray reflected;  // where mirror is not 0
+  Vec3d normal;
+};
+
+// A pixel with an object in it.
+struct Sight {
+  size_t pixel = 0;
+  Ray ray;
+  std::vector<Met> met;  // front to back
+  // What lies behind the surfaces that were done so far, sRGB, its opacity, and where half of the
+  // light is stopped.
+  Vec3 behind{};
+  double opacity = 0, half = 0;
+};
+
+// Environment reflected by a surface: scale and offset of its colour at normal incidence (Karis
+// 2014's fit).
+Vec3d reflectance(const Vec3d& facing, double roughness, double cosine) {
+  const double r0 = 1 - roughness, r1 = 0.0425 - 0.0275 * roughness, r2 = 1.04 - 0.572 * roughness,
+               r3 = 0.022 * roughness - 0.04;
+  const double a = std::min(r0 * r0, std::exp2(-9.28 * cosine)) * r0 + r1;
+  const double scale = -1.04 * a + r2, offset = 1.04 * a + r3;
+  return facing * scale + Vec3d{offset, offset, offset};
+}
+
+Vec3d times(const Vec3d& a, const Vec3d& b) { return {a.x * b.x, a.y * b.y, a.z * b.z}; }
+
+Vec3 to_picture(const Vec3d& linear) {
+  Vec3 c;
+  for (int k = 0; k < 3; ++k)
+    c[k] = static_cast<Real>(linear_to_srgb(std::clamp(linear[k], 0.0, 1.0)));
+  return c;
+}
+
+}  // namespace
+
+struct Insertion::Impl {
+  const RadianceField& field;
+  SceneObject object;
+  InsertionOptions options;
+  TriangleBvh bvh;
+  Vec3d centre;
+  double radius = 0;
+  Environment around;
+  std::vector<Real> openness;  // of each vertex
+
+  Impl(const RadianceField& field, SceneObject given, const InsertionOptions& insertion,
+       const RenderOptions& render, ThreadPool& pool)
+      : field(field),
+        object(std::move(given)),
+        options(insertion),
+        bvh(object.mesh.positions, object.mesh.triangles) {
+    if (bvh.empty()) throw Error("the object has no triangle with an area", "--insert");
+    centre = bvh.box().center();
+    radius = 0.5 * length(bvh.box().size());
+    if (options.field_light) around = internal::environment_of(field, centre, radius, render, pool);
+    openness = internal::vertex_openness(object, bvh, radius, pool);
+  }
+
+  double open_at(const TriangleHit& hit) const {
+    const auto& t = object.mesh.triangles[hit.triangle];
+    return static_cast<double>(openness[t[0]]) * (1 - hit.u - hit.v) +
+           static_cast<double>(openness[t[1]]) * hit.u +
+           static_cast<double>(openness[t[2]]) * hit.v;
+  }
+
+  Met meet(const TriangleHit& hit, const Ray& ray) const {
+    const SurfacePoint s = surface_point(object, hit.triangle, hit.u, hit.v);
+    Met met;
+    met.t = hit.t;
+    met.alpha = s.alpha;
+    // Both sides of a surface are lit as they are seen.
+    const double side = dot(s.geometric, ray.direction) > 0 ? -1 : 1;
+    Vec3d normal = s.normal * side;
+    const double leaning = dot(normal, ray.direction);
+    if (leaning > 0) normal = normalized(normal - ray.direction * (1.01 * leaning));
+    met.normal = normal;
+    if (s.unlit) {
+      met.light = s.base;
+      return met;
+    }
+    const Vec3d at = ray.origin + ray.direction * hit.t;
+    const Vec3d above = at + s.geometric * (side * 1e-4 * radius);
+    const double open = open_at(hit), cosine = std::max(1e-3, -dot(normal, ray.direction));
+    const Vec3d albedo = s.base * (1 - s.metallic);
+    const Vec3d facing = Vec3d{0.04, 0.04, 0.04} * (1 - s.metallic) + s.base * s.metallic;
+    const Vec3d mirrors = reflectance(facing, s.roughness, cosine);
+    const Vec3d reflected = normalized(ray.direction - normal * (2 * dot(normal, ray.direction)));
+    met.light = s.emissive + times(albedo, around.diffuse(normal)) * open;
+    for (const DistantLight& light : options.lights)
+      met.light = met.light + directly(light, s, normal, albedo, facing, above, ray.direction);
+    const double most = std::max({mirrors.x, mirrors.y, mirrors.z});
+    if (options.field_light && options.reflections && s.roughness < kSmooth &&
+        most > kLeastMirror &&
+        internal::transmitted(object, bvh, above, reflected, 0, kInfinity) > 0.5) {
+      met.mirror = mirrors;
+      met.reflected = ray;
+      met.reflected.origin = above;
+      met.reflected.direction = reflected;
+      met.reflected.near = 0;
+      met.reflected.far = 1e30;
+      met.reflected.clear = 0;
+      // A rough mirror shows wide cones.
+      met.reflected.radius = static_cast<Real>(0.5 * s.roughness * s.roughness);
+    } else {
+      met.light = met.light + times(mirrors, around.mirrored(reflected, s.roughness)) * open;
+    }
+    return met;
+  }
+
+  // Lambert, and GGX with the terms of glTF 2.0's appendix B.
+  Vec3d directly(const DistantLight& light, const SurfacePoint& s, const Vec3d& normal,
+                 const Vec3d& albedo, const Vec3d& facing, const Vec3d& above,
+                 const Vec3d& direction) const {
+    const double nl = dot(normal, light.towards);
+    if (!(nl > 0)) return {};
+    const double through = internal::transmitted(object, bvh, above, light.towards, 0, kInfinity);
+    if (!(through > 0)) return {};
+    const Vec3d half = normalized(light.towards - direction);
+    const double nh = std::max(0.0, dot(normal, half)), vh = std::max(0.0, -dot(direction, half));
+    const double nv = std::max(1e-3, -dot(normal, direction));
+    const double alpha = std::max(1e-3, s.roughness * s.roughness), a2 = alpha * alpha;
+    const double spread = nh * nh * (a2 - 1) + 1;
+    const double d = a2 / (spread * spread);  // times pi
+    const double v =
+        0.5 / (nl * std::sqrt(nv * nv * (1 - a2) + a2) + nv * std::sqrt(nl * nl * (1 - a2) + a2));
+    const Vec3d fresnel = facing + (Vec3d{1, 1, 1} - facing) * std::pow(1 - vh, 5);
+    return times(light.light, albedo + fresnel * (d * v)) * (nl * through);
+  }
+
+  // All surfaces on a ray that are there, seen from where they are seen, up to the first opaque
+  // one.
+  std::vector<Met> surfaces(const Ray& ray) const {
+    std::vector<Met> met;
+    double near = 0;
+    while (met.size() < kMostSurfaces) {
+      TriangleHit hit;
+      const bool found =
+          bvh.nearest(ray.origin, ray.direction, near, kInfinity, hit, [&](const TriangleHit& h) {
+            const Material& m = object.materials[static_cast<size_t>(object.material[h.triangle])];
+            if (!m.double_sided && away(h.triangle, ray.direction)) return false;
+            return surface_alpha(object, h.triangle, h.u, h.v) > 0;
+          });
+      if (!found) break;
+      met.push_back(meet(hit, ray));
+      if (met.back().alpha >= 1) break;
+      near = hit.t;
+    }
+    return met;
+  }
+  bool away(uint32_t triangle, const Vec3d& direction) const {
+    const Vec3d a = object.mesh.corner(triangle, 0).cast<double>();
+    return dot(cross(object.mesh.corner(triangle, 1).cast<double>() - a,
+                     object.mesh.corner(triangle, 2).cast<double>() - a),
+               direction) >= 0;
+  }
+
+  std::vector<Sight> sights(const Camera& camera, const Pose& pose, const RenderOptions& render,
+                            ThreadPool& pool, const Cancel* cancel) const {
+    std::vector<std::vector<Sight>> rows(static_cast<size_t>(camera.height));
+    const Vec3 background = field.shows_background() ? render.background : Vec3{};
+    pool.parallel_for(camera.height, [&](int64_t y) {
+      if (cancel && cancel->requested()) throw Cancelled();
+      std::vector<Vec3d> directions(static_cast<size_t>(camera.width));
+      unproject_row(camera, 0, static_cast<int>(y), directions);
+      for (int x = 0; x < camera.width; ++x) {
+        const Vec3d& in_camera = directions[static_cast<size_t>(x)];
+        if (in_camera == Vec3d()) continue;
+        Sight sight;
+        sight.pixel =
+            static_cast<size_t>(y) * static_cast<size_t>(camera.width) + static_cast<size_t>(x);
+        sight.ray.origin =
+            ray_pose(camera, pose, {x + 0.5, static_cast<double>(y) + 0.5}).translation;
+        sight.ray.direction = pose.rotation * in_camera;
+        sight.ray.time = render.time;
+        sight.ray.background = background;
+        sight.met = surfaces(sight.ray);
+        if (!sight.met.empty()) rows[static_cast<size_t>(y)].push_back(std::move(sight));
+      }
+    });
+    std::vector<Sight> all;
+    for (auto& row : rows) std::move(row.begin(), row.end(), std::back_inserter(all));
+    return all;
+  }
+
+  // What mirrored rays see goes into the surfaces' light.
+  void reflect(std::vector<Sight>& sights, const RenderOptions& render, ThreadPool& pool,
+               const Cancel* cancel) const {
+    std::vector<Ray> rays;
+    std::vector<Met*> of;
+    for (Sight& sight : sights)
+      for (Met& met : sight.met)
+        if (met.mirror != Vec3d()) {
+          rays.push_back(met.reflected);
+          of.push_back(&met);
+        }
+    if (rays.empty()) return;
+    const RayResults seen = integrate(field, rays, {}, render, pool, {}, cancel);
+    for (size_t i = 0; i < rays.size(); ++i) {
+      Vec3d c;
+      for (int k = 0; k < 3; ++k)
+        c[k] = srgb_to_linear(
+            std::clamp(static_cast<double>(seen.rgb[3 * i + static_cast<size_t>(k)]), 0.0, 1.0));
+      of[i]->light = of[i]->light + times(of[i]->mirror, c);
+    }
+  }
+
+  // From the last surface of each ray to the first; the field between them is integrated for all
+  // rays at once.
+  void composite(std::vector<Sight>& sights, const RenderOptions& render, ThreadPool& pool,
+                 const Cancel* cancel) const {
+    size_t most = 0;
+    for (const Sight& sight : sights) most = std::max(most, sight.met.size());
+    for (size_t round = 0; round < most; ++round) {
+      std::vector<Ray> rays;
+      std::vector<Sight*> of;
+      for (Sight& sight : sights) {
+        if (sight.met.size() <= round) continue;
+        const size_t i = sight.met.size() - 1 - round;
+        if (round == 0) {
+          sight.behind = sight.ray.background;
+          sight.half = kInfinity;
+        }
+        if (sight.met[i].alpha < 1) {
+          Ray ray = sight.ray;
+          ray.near = sight.met[i].t;
+          if (round > 0) ray.far = sight.met[i + 1].t;
+          ray.background = sight.behind;
+          rays.push_back(ray);
+          of.push_back(&sight);
+        }
+      }
+      const RayResults seen =
+          rays.empty() ? RayResults() : integrate(field, rays, {}, render, pool, {}, cancel);
+      for (size_t r = 0; r < rays.size(); ++r) {
+        Sight& sight = *of[r];
+        for (int k = 0; k < 3; ++k) sight.behind[k] = seen.rgb[3 * r + static_cast<size_t>(k)];
+        const double through = 1 - static_cast<double>(seen.opacity[r]);
+        sight.opacity = 1 - through * (1 - sight.opacity);
+        if (seen.median[r] > 0) sight.half = static_cast<double>(seen.median[r]);
+      }
+      for (Sight& sight : sights) {
+        if (sight.met.size() <= round) continue;
+        const Met& met = sight.met[sight.met.size() - 1 - round];
+        const Real alpha = static_cast<Real>(met.alpha);
+        sight.behind = to_picture(met.light) * alpha + sight.behind * (1 - alpha);
+        sight.opacity = met.alpha + (1 - met.alpha) * sight.opacity;
+        if (met.alpha >= 0.5) sight.half = met.t;
+      }
+    }
+  }
+};
+
+Insertion::Insertion(const RadianceField& field, SceneObject object,
+                     const InsertionOptions& insertion, const RenderOptions& options,
+                     ThreadPool& pool)
+    : impl_(std::make_unique<Impl>(field, std::move(object), insertion, options, pool)) {}
+Insertion::~Insertion() = default;
+
+ObjectPixels Insertion::look(const Camera& camera, const Pose& camera_to_engine,
+                             const RenderOptions& options, ThreadPool& pool,
+                             const Cancel* cancel) const {
+  std::vector<Sight> sights = impl_->sights(camera, camera_to_engine, options, pool, cancel);
+  ObjectPixels pixels;
+  if (sights.empty()) return pixels;
+  RenderOptions render = options;
+  render.layers.reset();
+  impl_->reflect(sights, render, pool, cancel);
+  impl_->composite(sights, render, pool, cancel);
+  const size_t n = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
+  pixels.far.assign(n, kInfinity);
+  pixels.background.resize(n);
+  pixels.opacity.resize(n);
+  pixels.half.assign(n, kInfinity);
+  pixels.normal.resize(n);
+  for (const Sight& sight : sights) {
+    const size_t p = sight.pixel;
+    pixels.far[p] = sight.met.front().t;
+    pixels.background[p] = sight.behind;
+    pixels.opacity[p] = static_cast<Real>(sight.opacity);
+    pixels.half[p] = sight.half;
+    pixels.normal[p] = sight.met.front().normal.cast<Real>();
+  }
+  return pixels;
+}
+
+void Insertion::finish(const ObjectPixels& pixels, const Camera& camera,
+                       const Pose& camera_to_engine, const RenderOptions& options, ThreadPool& pool,
+                       Frame& frame) const {
+  const Impl& own = *impl_;
+  const double unit = own.field.info().to_engine.scale;  // engine units of an input unit
+  if (own.options.shadows) {
+    const internal::ShadowCaster caster{own.object,
+                                        own.bvh,
+                                        own.centre,
+                                        own.radius,
+                                        own.around,
+                                        own.options,
+                                        own.field.shows_background() ? options.background : Vec3{}};
+    internal::cast_shadows(caster, pixels, camera, camera_to_engine, unit, pool, frame);
+  }
+  if (pixels.empty()) return;
+  std::vector<Vec3d> directions(static_cast<size_t>(camera.width));
+  for (int y = 0; y < camera.height; ++y) {
+    unproject_row(camera, 0, y, directions);
+    for (int x = 0; x < camera.width; ++x) {
+      const size_t p =
+          static_cast<size_t>(y) * static_cast<size_t>(camera.width) + static_cast<size_t>(x);
+      if (!pixels.seen(p)) continue;
+      const Real before = frame.alpha[p];
+      const double forward = depth_per_distance(camera, directions[static_cast<size_t>(x)]);
+      internal::count_in(pixels, p, forward / unit, 1 / unit, own.field.info().to_engine, frame);
+      frame.alpha[p] = 1 - (1 - before) * (1 - pixels.opacity[p]);
+    }
+  }
+}
+
+void place_object(const Similarity& to_engine, SceneObject& object) {
+  for (Vec3& p : object.mesh.positions) p = to_engine.apply(p.cast<double>()).cast<Real>();
+  for (Vec3& n : object.mesh.normals) n = (to_engine.rotation * n.cast<double>()).cast<Real>();
+}
+
+}  // namespace nerf

@@ -1,0 +1,197 @@
+#include "model/object_light.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "nerf/base/error.h"
+#include "nerf/math/random.h"
+#include "nerf/math/srgb.h"
+#include "nerf/model/integrator.h"
+#include "nerf/model/radiance_field.h"
+
+namespace nerf::internal {
+
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+// The nine real spherical harmonics of degree 0 to 2.
+std::array<double, 9> harmonics_at(const Vec3d& d) {
+  return {0.282095,
+          0.488603 * d.y,
+          0.488603 * d.z,
+          0.488603 * d.x,
+          1.092548 * d.x * d.y,
+          1.092548 * d.y * d.z,
+          0.315392 * (3 * d.z * d.z - 1),
+          1.092548 * d.x * d.z,
+          0.546274 * (d.x * d.x - d.y * d.y)};
+}
+
+double solid_angle(int y) {
+  const double top = kPi * y / Environment::kHeight, bottom = kPi * (y + 1) / Environment::kHeight;
+  return 2 * kPi / Environment::kWidth * (std::cos(top) - std::cos(bottom));
+}
+
+// Between four pixels.
+Vec3d looked_up(const std::vector<Vec3d>& pixels, const Vec3d& d) {
+  constexpr int w = Environment::kWidth, h = Environment::kHeight;
+  const double x = (std::atan2(d.y, d.x) / (2 * kPi) + 0.5) * w - 0.5;
+  const double y = std::acos(std::clamp(d.z, -1.0, 1.0)) / kPi * h - 0.5;
+  const double i = std::floor(x), j = std::floor(y), s = x - i, t = y - j;
+  Vec3d sum;
+  for (int k = 0; k < 4; ++k) {
+    const int column = (static_cast<int>(i) + (k & 1) + w) % w;
+    const int row = std::clamp(static_cast<int>(j) + (k >> 1), 0, h - 1);
+    sum = sum + pixels[static_cast<size_t>(row * w + column)] *
+                    ((k & 1 ? s : 1 - s) * (k >> 1 ? t : 1 - t));
+  }
+  return sum;
+}
+
+}  // namespace
+
+Environment::Environment(const Vec3d& radiance)
+    : pixels_(static_cast<size_t>(kWidth * kHeight), radiance) {
+  prepare();
+}
+
+Vec3d Environment::direction(int x, int y) {
+  const double azimuth = 2 * kPi * ((x + 0.5) / kWidth - 0.5), polar = kPi * (y + 0.5) / kHeight;
+  return {std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth),
+          std::cos(polar)};
+}
+
+void Environment::prepare() {
+  harmonics_ = {};
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      const auto h = harmonics_at(direction(x, y));
+      for (size_t k = 0; k < 9; ++k)
+        harmonics_[k] = harmonics_[k] + pixel(x, y) * (h[k] * solid_angle(y));
+    }
+  // Lobes of the cosine to a power that belongs to the roughness (alpha = roughness^2; exponent of
+  // the Phong lobe that is as wide, Walter et al. 2007).
+  for (size_t level = 0; level < 3; ++level) {
+    const double rough = static_cast<double>(level + 1) / 3, alpha = rough * rough;
+    const double power = std::max(0.0, 2 / (alpha * alpha) - 2) / 4 + 1;
+    blurred_[level].assign(pixels_.size(), {});
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const Vec3d to = direction(x, y);
+        Vec3d sum;
+        double weights = 0;
+        for (int v = 0; v < kHeight; ++v)
+          for (int u = 0; u < kWidth; ++u) {
+            const double cosine = dot(to, direction(u, v));
+            if (!(cosine > 0)) continue;
+            const double w = std::pow(cosine, power) * solid_angle(v);
+            sum = sum + pixel(u, v) * w;
+            weights += w;
+          }
+        blurred_[level][static_cast<size_t>(y * kWidth + x)] = sum / weights;
+      }
+  }
+}
+
+Vec3d Environment::radiance(const Vec3d& d) const { return looked_up(pixels_, d); }
+
+Vec3d Environment::mirrored(const Vec3d& d, double roughness) const {
+  const double at = std::clamp(roughness, 0.0, 1.0) * 3;
+  const auto level = [&](int i) {
+    return i == 0 ? looked_up(pixels_, d) : looked_up(blurred_[static_cast<size_t>(i - 1)], d);
+  };
+  const int low = std::min(2, static_cast<int>(at));
+  const double share = at - low;
+  if (share == 0) return level(low);
+  return level(low) * (1 - share) + level(low + 1) * share;
+}
+
+Vec3d Environment::diffuse(const Vec3d& normal) const {
+  // The clamped cosine's own coefficients, over pi.
+  constexpr double kBand[3] = {1, 2.0 / 3, 0.25};
+  const auto h = harmonics_at(normal);
+  Vec3d sum;
+  for (size_t k = 0; k < 9; ++k)
+    sum = sum + harmonics_[k] * (h[k] * kBand[k == 0 ? 0 : k < 4 ? 1 : 2]);
+  for (int k = 0; k < 3; ++k) sum[k] = std::max(sum[k], 0.0);
+  return sum;
+}
+
+Environment environment_of(const RadianceField& field, const Vec3d& centre, double radius,
+                           const RenderOptions& options, ThreadPool& pool) {
+  std::vector<Ray> rays;
+  for (int y = 0; y < Environment::kHeight; ++y)
+    for (int x = 0; x < Environment::kWidth; ++x) {
+      Ray ray;
+      ray.origin = centre;
+      ray.direction = Environment::direction(x, y);
+      ray.near = radius;
+      ray.radius = static_cast<Real>(kPi / Environment::kHeight / std::sqrt(12.0));
+      ray.time = options.time;
+      ray.background = field.shows_background() ? options.background : Vec3{};
+      rays.push_back(ray);
+    }
+  const RayResults seen = integrate(field, rays, {}, options, pool);
+  size_t next = 0;
+  return Environment::from([&](const Vec3d&) {
+    const Real* rgb = seen.rgb.data() + 3 * next++;
+    Vec3d c;
+    for (int k = 0; k < 3; ++k)
+      c[k] = srgb_to_linear(std::clamp(static_cast<double>(rgb[k]), 0.0, 1.0));
+    return c;
+  });
+}
+
+double transmitted(const SceneObject& object, const TriangleBvh& bvh, const Vec3d& origin,
+                   const Vec3d& direction, double near, double far) {
+  double light = 1;
+  bvh.each(origin, direction, near, far, [&](const TriangleHit& hit) {
+    light *= 1 - surface_alpha(object, hit.triangle, hit.u, hit.v);
+    return light > 0;
+  });
+  return light;
+}
+
+std::vector<Real> vertex_openness(const SceneObject& object, const TriangleBvh& bvh, double size,
+                                  ThreadPool& pool) {
+  constexpr size_t kMostRays = 3'000'000;
+  const size_t n = object.mesh.positions.size();
+  const size_t rays = std::clamp<size_t>(kMostRays / std::max<size_t>(n, 1), 4, 64);
+  // Of vertices without a normal, those of their triangles.
+  std::vector<Vec3d> normals(n);
+  for (uint32_t t = 0; t < object.mesh.triangles.size(); ++t) {
+    const Vec3d geometric = surface_point(object, t, 1.0 / 3, 1.0 / 3).geometric;
+    for (const uint32_t v : object.mesh.triangles[t]) {
+      const Vec3d own =
+          object.mesh.normals.empty() ? Vec3d() : object.mesh.normals[v].cast<double>();
+      normals[v] = own == Vec3d() ? normals[v] + geometric : own;
+    }
+  }
+  std::vector<Real> open(n, 1.0_r);
+  constexpr size_t kPart = 64;
+  pool.parallel_for(static_cast<int64_t>((n + kPart - 1) / kPart), [&](int64_t part) {
+    const size_t begin = static_cast<size_t>(part) * kPart;
+    for (size_t v = begin; v < std::min(n, begin + kPart); ++v) {
+      const Vec3d normal = normalized(normals[v]);
+      if (normal == Vec3d()) continue;
+      const Vec3d origin = object.mesh.positions[v].cast<double>() + normal * (1e-3 * size);
+      Random random(1, 0, v);
+      double sum = 0;
+      for (size_t i = 0; i < rays; ++i) {
+        // A unit vector added to the normal is distributed by its cosine.
+        const double z = 2 * (static_cast<double>(i) + static_cast<double>(random.uniform())) /
+                             static_cast<double>(rays) -
+                         1;
+        const double a = 2 * kPi * static_cast<double>(random.uniform()), r = std::sqrt(1 - z * z);
+        const Vec3d d = normalized(normal + Vec3d{r * std::cos(a), r * std::sin(a), z});
+        sum += d == Vec3d() ? 1 : transmitted(object, bvh, origin, d, 0, 4 * size);
+      }
+      open[v] = static_cast<Real>(sum / static_cast<double>(rays));
+    }
+  });
+  return open;
+}
+
+}  // namespace nerf::internal

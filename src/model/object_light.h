@@ -1,0 +1,61 @@
+// The light around an inserted object.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "nerf/base/cancel.h"
+#include "nerf/base/threads.h"
+#include "nerf/geometry/object.h"
+#include "nerf/geometry/triangle_bvh.h"
+#include "nerf/model/renderer.h"
+
+namespace nerf::internal {
+
+// Radiance from all directions, linear, as an equirectangular picture (z up), and what follows.
+class Environment {
+ public:
+  static constexpr int kHeight = 32, kWidth = 64;
+
+  // The same from everywhere.
+  explicit Environment(const Vec3d& radiance = {});
+  // radiance(unit direction) of each pixel's middle.
+  template <class Radiance>
+  static Environment from(const Radiance& radiance) {
+    Environment e;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) e.pixel(x, y) = radiance(direction(x, y));
+    e.prepare();
+    return e;
+  }
+  static Vec3d direction(int x, int y);
+
+  Vec3d radiance(const Vec3d& direction) const;
+  // Blurred as a surface of this roughness mirrors it.
+  Vec3d mirrored(const Vec3d& direction, double roughness) const;
+  // On a surface with this normal, over pi: what it shows if it is white.
+  Vec3d diffuse(const Vec3d& normal) const;
+
+ private:
+  Vec3d& pixel(int x, int y) { return pixels_[static_cast<size_t>(y * kWidth + x)]; }
+  void prepare();
+
+  std::vector<Vec3d> pixels_;
+  std::array<Vec3d, 9> harmonics_{};
+  std::array<std::vector<Vec3d>, 3> blurred_;  // roughness 1/3, 2/3, 1
+};
+
+// What the field shows around a ball, beyond its surface.
+Environment environment_of(const RadianceField& field, const Vec3d& centre, double radius,
+                           const RenderOptions& options, ThreadPool& pool);
+
+// Light that gets through between two points: alpha of the triangles on the way. Front and back.
+double transmitted(const SceneObject& object, const TriangleBvh& bvh, const Vec3d& origin,
+                   const Vec3d& direction, double near, double far);
+
+// The share of the sky above each vertex that the object itself leaves free, by cosine.
+std::vector<Real> vertex_openness(const SceneObject& object, const TriangleBvh& bvh, double size,
+                                  ThreadPool& pool);
+
+}  // namespace nerf::internal

@@ -1,0 +1,30 @@
+// What is seen of inserted objects in one picture.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "nerf/math/ray.h"
+#include "nerf/math/vec.h"
+
+namespace nerf::internal {
+
+// Row by row from the top; empty where no object is seen.
+struct ObjectPixels {
+  std::vector<double> far;       // distance of the first surface, engine units; infinite: none
+  std::vector<Vec3> background;  // sRGB: what a ray that gets so far sees
+  std::vector<Real> opacity;     // of the first surface and what is behind it
+  std::vector<double> half;      // distance at which, from `far` on, half of the light is stopped
+  std::vector<Vec3> normal;      // of the first surface, towards the camera, engine coordinates
+
+  bool empty() const { return far.empty(); }
+  bool seen(size_t pixel) const { return !far.empty() && far[pixel] < 1e300; }
+  // Ends a pixel's ray at the first surface on it.
+  void cut(size_t pixel, Ray& ray) const {
+    if (!seen(pixel)) return;
+    ray.far = far[pixel];
+    ray.background = background[pixel];
+  }
+};
+
+}  // namespace nerf::internal

@@ -1,0 +1,272 @@
+// glTF as exporters write it, and as damage leaves it.
+#include "nerf/io/object_file.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "nerf/base/file.h"
+#include "nerf/io/image.h"
+#include "nerf/math/random.h"
+#include "support/temp_folder.h"
+
+namespace nerf {
+namespace {
+
+using Json = nlohmann::json;
+
+// A triangle with everything that is read, whose parts tests change.
+struct SomeGltf {
+  Json json;
+  std::vector<uint8_t> bin;
+
+  SomeGltf() {
+    json["asset"] = {{"version", "2.0"}};
+    json["scene"] = 0;
+    json["scenes"] = {{{"nodes", {0}}}};
+    json["nodes"] = {{{"mesh", 0}}};
+    json["materials"] = {{{"pbrMetallicRoughness",
+                           {{"baseColorFactor", {0.5, 0.25, 1, 0.5}},
+                            {"metallicFactor", 0.25},
+                            {"roughnessFactor", 0.75}}},
+                          {"emissiveFactor", {0, 0, 0.5}},
+                          {"alphaMode", "BLEND"}}};
+    const int positions = add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3");
+    const int uv = add_floats({0, 0, 1, 0, 0, 1}, "VEC2");
+    const int indices = add(std::vector<uint16_t>{0, 1, 2}, 5123, 3, "SCALAR");
+    json["meshes"] = {{{"primitives",
+                        {{{"attributes", {{"POSITION", positions}, {"TEXCOORD_0", uv}}},
+                          {"indices", indices},
+                          {"material", 0}}}}}};
+  }
+  Json& primitive() { return json["meshes"][0]["primitives"][0]; }
+
+  template <class T>
+  int add(const std::vector<T>& numbers, int component_type, size_t count, const char* type) {
+    const size_t begin = bin.size(), bytes = numbers.size() * sizeof(T);
+    bin.resize(begin + (bytes + 3) / 4 * 4);
+    std::memcpy(bin.data() + begin, numbers.data(), bytes);
+    json["bufferViews"].push_back({{"buffer", 0}, {"byteOffset", begin}, {"byteLength", bytes}});
+    json["accessors"].push_back({{"bufferView", json["bufferViews"].size() - 1},
+                                 {"componentType", component_type},
+                                 {"count", count},
+                                 {"type", type}});
+    return static_cast<int>(json["accessors"].size()) - 1;
+  }
+  int add_floats(const std::vector<float>& numbers, const std::string& type) {
+    const size_t components = type == "SCALAR" ? 1 : static_cast<size_t>(type[3] - '0');
+    return add(numbers, 5126, numbers.size() / components, type.c_str());
+  }
+  // A PNG as the base colour's texture.
+  void add_texture(const std::vector<uint8_t>& png) {
+    const size_t begin = bin.size();
+    bin.insert(bin.end(), png.begin(), png.end());
+    bin.resize((bin.size() + 3) / 4 * 4);
+    json["bufferViews"].push_back(
+        {{"buffer", 0}, {"byteOffset", begin}, {"byteLength", png.size()}});
+    json["images"] = {{{"bufferView", json["bufferViews"].size() - 1}, {"mimeType", "image/png"}}};
+    json["samplers"] = {{{"wrapS", 33071}, {"wrapT", 33648}, {"magFilter", 9728}}};
+    json["textures"] = {{{"source", 0}, {"sampler", 0}}};
+    json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", 0}};
+  }
+
+  std::vector<uint8_t> glb() {
+    json["buffers"] = {{{"byteLength", bin.size()}}};
+    std::string text = json.dump();
+    text.resize((text.size() + 3) / 4 * 4, ' ');
+    std::vector<uint8_t> out;
+    const auto put = [&](uint32_t w) {
+      for (int k = 0; k < 4; ++k) out.push_back(static_cast<uint8_t>(w >> (8 * k)));
+    };
+    put(0x46546c67);
+    put(2);
+    put(static_cast<uint32_t>(28 + text.size() + bin.size()));
+    put(static_cast<uint32_t>(text.size()));
+    put(0x4e4f534a);
+    out.insert(out.end(), text.begin(), text.end());
+    put(static_cast<uint32_t>(bin.size()));
+    put(0x004e4942);
+    out.insert(out.end(), bin.begin(), bin.end());
+    return out;
+  }
+  void write(const std::filesystem::path& path) { write_file_atomically(path, glb()); }
+};
+
+std::vector<uint8_t> some_png(const test::TempFolder& folder) {
+  Image8 image{2, 2, 4, {255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 0}};
+  write_image(folder / "t.png", image);
+  return read_file(folder / "t.png");
+}
+
+class ReadObjectTest : public ::testing::Test {
+ protected:
+  SceneObject read(SomeGltf& gltf) {
+    gltf.write(file_);
+    return read_object(file_).object;
+  }
+  std::string error(SomeGltf& gltf) {
+    return test::error_of([&] { read(gltf); });
+  }
+  test::TempFolder folder_;
+  std::filesystem::path file_ = folder_ / "object.glb";
+};
+
+TEST_F(ReadObjectTest, TakesMaterialsAndTextures) {
+  SomeGltf gltf;
+  gltf.add_texture(some_png(folder_));
+  gltf.primitive()["attributes"]["COLOR_0"] = gltf.add(
+      std::vector<uint16_t>{65535, 0, 0, 65535, 65535, 0, 65535, 65535, 65535}, 5123, 3, "VEC3");
+  gltf.json["accessors"].back()["normalized"] = true;
+  const SceneObject o = read(gltf);
+  ASSERT_EQ(o.mesh.triangles.size(), 1u);
+  const Material& m = o.materials[0];
+  EXPECT_EQ(m.base, (Vec3d{0.5, 0.25, 1}));
+  EXPECT_EQ(m.alpha, 0.5);
+  EXPECT_EQ(m.emissive, (Vec3d{0, 0, 0.5}));
+  EXPECT_EQ(m.alpha_mode, AlphaMode::kBlend);
+  // At the first corner: the texture's upper left pixel, the first vertex's colour.
+  const SurfacePoint p = surface_point(o, 0, 0, 0);
+  EXPECT_EQ(p.base, (Vec3d{0.5, 0, 0}));
+  EXPECT_EQ(p.alpha, 0.5);
+  EXPECT_EQ(p.metallic, 0.25);
+  EXPECT_EQ(p.normal, (Vec3d{0, 0, 1}));
+  EXPECT_EQ(o.textures[0].wrap_x, TextureWrap::kClamp);
+  EXPECT_EQ(o.textures[0].wrap_y, TextureWrap::kMirror);
+  EXPECT_TRUE(o.textures[0].nearest);
+  // The lower right pixel is transparent.
+  EXPECT_EQ(o.textures[0].at(0.9, 0.9)[3], 0);
+}
+
+TEST_F(ReadObjectTest, MakesTheNodesTransforms) {
+  SomeGltf gltf;
+  const double s = std::sqrt(0.5);
+  gltf.json["nodes"] = {{{"translation", {1, 2, 3}}, {"children", {1}}},
+                        {{"mesh", 0}, {"rotation", {0, 0, s, s}}, {"scale", {2, 3, -4}}}};
+  const SceneObject o = read(gltf);
+  // x goes to y by the turn about z. One axis is mirrored: the triangle's order turns with it.
+  EXPECT_LT(length(o.mesh.corner(0, 0) - Vec3{1, 2, 3}), 1e-6_r);
+  EXPECT_LT(length(o.mesh.corner(0, 1) - Vec3{-2, 2, 3}), 1e-6_r);
+  EXPECT_LT(length(o.mesh.corner(0, 2) - Vec3{1, 4, 3}), 1e-6_r);
+  gltf.json["nodes"] = {
+      {{"mesh", 0}, {"matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1}}}};
+  EXPECT_EQ(read(gltf).mesh.corner(0, 0), (Vec3{5, 6, 7}));
+}
+
+TEST_F(ReadObjectTest, TakesStripsFansAndTextFiles) {
+  SomeGltf gltf;
+  gltf.primitive()["attributes"] = {
+      {"POSITION", gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, "VEC3")}};
+  gltf.primitive().erase("indices");
+  for (const int mode : {5, 6}) {
+    gltf.primitive()["mode"] = mode;
+    const SceneObject o = read(gltf);
+    EXPECT_EQ(o.mesh.triangles.size(), 2u);
+    if (mode == 6) continue;  // this one is folded
+    for (uint32_t t = 0; t < 2; ++t) EXPECT_GT(surface_point(o, t, 0.3, 0.3).normal.z, 0.9);
+  }
+  gltf.json["buffers"] = {{{"byteLength", gltf.bin.size()}, {"uri", "object.bin"}}};
+  test::write_text(folder_ / "o.gltf", gltf.json.dump());
+  EXPECT_TRUE(
+      test::contains(test::error_of([&] { read_object(folder_ / "o.gltf"); }), "object.bin"));
+  write_file_atomically(folder_ / "object.bin", gltf.bin);
+  EXPECT_EQ(read_object(folder_ / "o.gltf").object.mesh.triangles.size(), 2u);
+}
+
+TEST_F(ReadObjectTest, SaysWhatIsWrong) {
+  const auto expect = [&](const std::string& part, const auto& change) {
+    SCOPED_TRACE(part);
+    SomeGltf gltf;
+    change(gltf);
+    const std::string text = error(gltf);
+    EXPECT_TRUE(test::contains(text, part));
+    EXPECT_TRUE(test::contains(text, "object.glb"));
+  };
+  expect("reached twice", [](SomeGltf& g) {
+    g.json["nodes"] = {{{"children", {1}}}, {{"children", {0}}, {"mesh", 0}}};
+  });
+  expect("degenerate", [](SomeGltf& g) {
+    g.primitive()["attributes"]["POSITION"] = g.add_floats({0, 0, 0, 1, 1, 1, 2, 2, 2}, "VEC3");
+  });
+  expect("more than its buffer view holds",
+         [](SomeGltf& g) { g.json["accessors"][0]["count"] = 4'000'000'000u; });
+  expect("behind its buffer",
+         [](SomeGltf& g) { g.json["bufferViews"][0]["byteLength"] = 4'000'000'000u; });
+  expect("no data", [](SomeGltf& g) { g.json["accessors"][0].erase("bufferView"); });
+  expect("KHR_draco_mesh_compression", [](SomeGltf& g) {
+    g.json["extensionsUsed"] = g.json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
+  });
+  expect("index 7 of 3", [](SomeGltf& g) {
+    g.primitive()["indices"] = g.add(std::vector<uint16_t>{0, 1, 7}, 5123, 3, "SCALAR");
+  });
+  expect("not finite", [](SomeGltf& g) {
+    g.primitive()["attributes"]["POSITION"] =
+        g.add_floats({0, 0, 0, 1, std::numeric_limits<float>::quiet_NaN(), 0, 0, 1, 0}, "VEC3");
+  });
+  expect("no triangles", [](SomeGltf& g) { g.primitive()["mode"] = 1; });
+  expect("no material 9", [](SomeGltf& g) { g.primitive()["material"] = 9; });
+  expect("neither PNG nor JPEG",
+         [](SomeGltf& g) { g.add_texture({'G', 'I', 'F', '8', '9', 'a'}); });
+  expect("image", [&](SomeGltf& g) {
+    auto png = some_png(folder_);
+    png[png.size() / 2] ^= 0x55;
+    g.add_texture(png);
+  });
+  expect("2 elements for 3 positions", [](SomeGltf& g) {
+    g.primitive()["attributes"]["TEXCOORD_0"] = g.add_floats({0, 0, 1, 0}, "VEC2");
+  });
+}
+
+TEST_F(ReadObjectTest, NeedsAWholeGltf) {
+  SomeGltf gltf;
+  const auto whole = gltf.glb();
+  for (const size_t length :
+       {size_t{0}, size_t{3}, size_t{15}, whole.size() / 2, whole.size() - 5}) {
+    SCOPED_TRACE(length);
+    write_file_atomically(file_, std::span(whole).first(length));
+    EXPECT_NE(test::error_of([&] { read_object(file_); }), "");
+  }
+  test::write_text(file_, "solid cube");
+  EXPECT_TRUE(test::contains(test::error_of([&] { read_object(file_); }), "not a glTF file"));
+  EXPECT_NE(test::error_of([&] { read_object(folder_ / "none.glb"); }), "");
+}
+
+// Every damaged file is either read or refused by an Error.
+TEST_F(ReadObjectTest, SurvivesDamage) {
+  SomeGltf gltf;
+  gltf.add_texture(some_png(folder_));
+  const auto whole = gltf.glb();
+  const size_t text_end = whole.size() - gltf.bin.size();
+  int refused = 0;
+  for (uint64_t round = 0; round < 1500; ++round) {
+    Random random(7, 0, round);
+    auto bytes = whole;
+    const int changes = 1 + static_cast<int>(random.uniform() * 4);
+    for (int i = 0; i < changes; ++i) {
+      // Mostly the text, where digits become other digits and names are broken.
+      const size_t end = random.uniform() < 0.8_r ? text_end : whole.size();
+      const size_t at = static_cast<size_t>(random.uniform() * static_cast<Real>(end));
+      const Real kind = random.uniform();
+      const auto drawn = static_cast<uint8_t>(random.uniform() * 256);
+      if (at >= 20 && at < text_end && bytes[at] >= '0' && bytes[at] <= '9' && kind < 0.7_r)
+        bytes[at] = static_cast<uint8_t>(kind < 0.1_r ? '-' : '0' + drawn % 10);
+      else
+        bytes[at] = drawn;
+    }
+    {
+      std::ofstream out(file_, std::ios::binary);
+      out.write(reinterpret_cast<const char*>(bytes.data()),
+                static_cast<std::streamsize>(bytes.size()));
+    }
+    refused += !test::error_of([&] { read_object(file_); }).empty();
+  }
+  EXPECT_GT(refused, 500);
+  EXPECT_LT(refused, 1500);
+}
+
+}  // namespace
+}  // namespace nerf
