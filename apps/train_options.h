@@ -92,8 +92,7 @@ struct TrainCommand {
     v("up", up, "direction that points up, input coordinates", brief("direction that points up"));
     v("near", near, "distance from every camera at which content may begin, input unit", above(0),
       brief("distance from the cameras at which content begins"));
-    v("far", far, "distance from the cameras at which content ends, input unit", above(0),
-      brief("distance from the cameras at which it ends"));
+    v("far", far, "distance from the cameras at which content ends, input unit", above(0));
     v("times", times,
       "when the photos were taken, in place of what the capture's files say: frame, in the order "
       "of their names in each folder (a video's by its own clock); name, by the last number in "

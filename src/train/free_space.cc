@@ -8,8 +8,6 @@
 #include <filesystem>
 #include <map>
 
-#include "nerf/train/motion_recipe.h"
-
 namespace nerf {
 
 namespace {
@@ -211,7 +209,6 @@ std::vector<Nearness> nearness_of_views(const Scene& scene) {
 
 std::vector<double> near_of_views(const Scene& scene) {
   std::vector<double> near(scene.views.size(), scene.near);
-  if (count_moments(scene) > 1) return near;
   for (const Nearness& n : nearness_of_views(scene))
     near[n.view] = std::max(near[n.view], n.in_picture);
   // A photo at another scale stands behind the one that points were seen in.
@@ -228,7 +225,7 @@ std::vector<double> near_of_views(const Scene& scene) {
 
 void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                            OccupancyGrid& grid) {
-  if (!scene.unbounded || scene.observations.empty() || count_moments(scene) > 1) return;
+  if (!scene.unbounded || scene.observations.empty()) return;
   Witnesses witnesses(grid);
   std::vector<uint8_t> trains(scene.views.size());
   for (const int v : scene.train) trains[static_cast<size_t>(v)] = 1;

@@ -41,7 +41,10 @@ std::unique_ptr<Field> some_grid(bool unbounded, int table_bits, const MotionSha
 // Moves by a tenth or so.
 MotionShape some_motion(WarpKind kind) {
   MotionShape motion;
-  motion.warp = {.kind = kind, .position_degrees = 2, .depth = 2, .width = 16, .last_bound = 0.1_r};
+  motion.warp.kind = kind;
+  motion.warp.position_degrees = motion.warp.depth = 2;
+  motion.warp.width = 16;
+  motion.warp.last_bound = 0.1_r;
   motion.ambient = 1;
   motion.time_code = 4;
   motion.time_degrees = 2;

@@ -159,18 +159,6 @@ TEST(FreeSpace, TwoCamerasEmptyWhatIsNearerThanWhatTheySee) {
   EXPECT_FALSE(off(carved(one), {0.3_r, -0.7_r, 0.2_r}));
 }
 
-// What is empty at one moment is where something may be at another.
-TEST(FreeSpace, SaysNothingOfSeveralMoments) {
-  Capture c(2, 0);
-  for (const int view : {0, 1}) c.see_bundle(view);
-  c.add_wall();
-  ASSERT_TRUE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
-  ASSERT_GT(near_of_views(c.scene)[0], c.scene.near);
-  c.scene.views[1].time = 1;
-  EXPECT_FALSE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
-  EXPECT_EQ(near_of_views(c.scene)[0], c.scene.near);
-}
-
 TEST(FreeSpace, IsTheSameForAnyNumberOfThreads) {
   Capture c(12);
   c.add_wall();
