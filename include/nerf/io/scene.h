@@ -29,7 +29,7 @@ struct View {
   int camera = 0;                                                // index into Scene::cameras
   Pose pose;        // camera-to-world, input coordinates, OpenCV axes
   double time = 0;  // [0, 1]; 0 where the capture has no time; Scene::times has its unit
-  ViewIds ids;
+  ViewIds ids = {};
   int orientation = 1;  // EXIF's, of the pixels as the trainer reads them; 1: nothing to turn
   int scale = 1;        // the photo is reduced by this (photo_scales.h); a pixel weighs its square
 };

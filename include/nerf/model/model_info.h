@@ -16,7 +16,7 @@ struct ModelView {
   Pose pose;         // camera-to-world, input coordinates, OpenCV axes
   bool held_out = false;
   double time = 0;  // [0, 1]; ModelInfo::times has its unit
-  ViewIds ids;
+  ViewIds ids = {};
 };
 
 struct ModelInfo {
