@@ -37,7 +37,7 @@ RenderOptions all_layers(int supersample = 1) {
 // In a scene whose axes and unit are not the engine's; looks at engine's origin from 2.5 off.
 struct Shot {
   Similarity to_engine = test::tilted();
-  Camera camera = test::pinhole(72, 60, 90);
+  Camera camera = test::pinhole(36, 30, 45);
   Pose pose() const {
     Pose at;
     at.rotation.m = {{{0.8, 0, 0.6}, {0, 1, 0}, {-0.6, 0, 0.8}}};
@@ -76,7 +76,7 @@ void expect_surface(const Frame& frame, const Shot& shot, const Hit& hit) {
       EXPECT_GT(frame.layers.samples[i], 0);
       ++compared;
     }
-  ASSERT_GT(compared, 500);
+  ASSERT_GT(compared, 250);
   EXPECT_LT(worst, 0.002);
   EXPECT_LT(worst_z, 0.002);
   EXPECT_LT(worst_mean, 0.002);
@@ -96,9 +96,9 @@ TEST(Layers, DepthAndNormalsOfASphereAreItsOwn) {
         frame, shot,
         [&](const Vec3d& from, const Vec3d& along) -> std::optional<std::pair<double, Vec3d>> {
           const double b = dot(from, along);
-          // A pixel is 0.028 wide here: two of them inside the edge.
+          // A pixel is 0.056 wide here: one and a half of them inside the edge.
           const double reach = std::sqrt(dot(from, from) - b * b);
-          if (reach > kRadius - 0.056) return std::nullopt;
+          if (reach > kRadius - 0.084) return std::nullopt;
           const double t = -b - std::sqrt(kRadius * kRadius - reach * reach);
           return std::pair(t, from + along * t);
         });
@@ -167,7 +167,7 @@ void expect_deep_sums(const Frame& frame) {
     for (size_t k = 0; k < 3; ++k) ASSERT_NEAR(rgb[k], frame.layers.rgb[3 * i + k], 1e-5) << i;
     several += frame.layers.deep[i].size() > 1;
   }
-  EXPECT_GT(several, 50u);
+  EXPECT_GT(several, 20u);
 }
 
 TEST(Layers, TheirPictureIsThePlainOneOfEveryPixelsOwnRays) {
@@ -195,7 +195,7 @@ TEST(Layers, TheirPictureIsThePlainOneOfEveryPixelsOwnRays) {
             // Stretches end at gaps too, so that a colour may be shared by fewer samples.
             ASSERT_NEAR(layered.rgb[3 * i + k], plain.rgb[3 * i + k], 2e-3) << i;
         }
-        EXPECT_GT(alpha, 20);
+        EXPECT_GT(alpha, 5);
       }
 }
 
@@ -257,17 +257,16 @@ TEST(Layers, ManyRaysToAPixelAreOnePixel) {
   const RadianceField field = some_fields()[0];
   ThreadPool pool(2);
   const Frame two = render(field, shot.camera, shot.pose(), all_layers(2), pool);
-  const Frame fine =
-      render(field, shot.camera.scaled_to(144, 120), shot.pose(), all_layers(1), pool);
+  const Frame fine = render(field, shot.camera.scaled_to(72, 60), shot.pose(), all_layers(1), pool);
   int compared = 0;
-  for (int y = 0; y < 60; ++y)
-    for (int x = 0; x < 72; ++x) {
-      const size_t at = static_cast<size_t>(y * 72 + x);
+  for (int y = 0; y < 30; ++y)
+    for (int x = 0; x < 36; ++x) {
+      const size_t at = static_cast<size_t>(y * 36 + x);
       std::vector<double> distances;
       double light = 0, first = 0, second = 0, samples = 0, lowest = 1e30, highest = 0,
              darkest = 1e30;
-      for (const int i : {0, 1, 144, 145}) {
-        const size_t from = static_cast<size_t>(2 * y * 144 + 2 * x + i);
+      for (const int i : {0, 1, 72, 73}) {
+        const size_t from = static_cast<size_t>(2 * y * 72 + 2 * x + i);
         samples += fine.layers.samples[from];
         if (fine.layers.distance[from] > 0) distances.push_back(fine.layers.distance[from]);
         lowest = std::min<double>(lowest, fine.layers.near[from]);
@@ -294,7 +293,7 @@ TEST(Layers, ManyRaysToAPixelAreOnePixel) {
         EXPECT_EQ(two.layers.far[at], highest);
       }
     }
-  EXPECT_GT(compared, 200);
+  EXPECT_GT(compared, 50);
 }
 
 // A panorama has no axis: its depth is the distance.
