@@ -96,6 +96,37 @@ TEST(RenderFrames, JoinsTheEyes) {
   }
 }
 
+// Layers stand where their pixels do.
+TEST(JoinEyes, JoinsTheirLayersToo) {
+  for (const PictureKind picture : {PictureKind::kOds, PictureKind::kVr180}) {
+    Frame eyes[2];
+    for (int e = 0; e < 2; ++e) {
+      Frame& f = eyes[e];
+      f.width = 3;
+      f.height = 2;
+      f.rgb.resize(18);
+      f.alpha.resize(6);
+      f.depth_z.resize(6);
+      f.layers.resize(6, {.normal = true, .deep = true});
+      for (size_t i = 0; i < 6; ++i) {
+        f.alpha[i] = f.layers.distance[i] = static_cast<Real>(10 * e) + static_cast<Real>(i);
+        f.layers.normal[3 * i + 2] = f.alpha[i];
+        f.layers.deep[i].resize(static_cast<size_t>(e) + i);
+      }
+    }
+    const Frame joined = join_eyes(picture, eyes[0], eyes[1]);
+    EXPECT_TRUE(joined.layers.mean.empty());
+    ASSERT_EQ(joined.layers.distance.size(), 12u);
+    EXPECT_EQ(joined.layers.distance, joined.alpha);
+    for (size_t i = 0; i < 12; ++i) {
+      EXPECT_EQ(joined.layers.normal[3 * i + 2], joined.alpha[i]);
+      const bool right = joined.alpha[i] >= 10;
+      EXPECT_EQ(joined.layers.deep[i].size(),
+                static_cast<size_t>(joined.alpha[i]) - (right ? 9u : 0u));
+    }
+  }
+}
+
 TEST(RenderFrames, WritesColourAndDepthWhereThePlanSays) {
   const TempFolder folder;
   const fs::path out = folder.path() / "new" / "out";
