@@ -30,11 +30,13 @@ const ModelView& view_named(const std::string& name, const ModelInfo& info) {
 }
 
 // The middle of what a few pixels around one see. Engine coordinates.
-Vec3d surface_under(const PlacePixel& place, const RadianceField& field,
-                    const RenderOptions& render, ThreadPool& pool) {
+Vec3d surface_under(PlacePixel place, const RadianceField& field, const RenderOptions& render,
+                    ThreadPool& pool) {
   const ModelView& view = view_named(place.view, field.info());
   const Camera camera = view.camera.in_unit(field.info().to_engine.scale);
   const Pose pose = field.info().to_engine.apply(view.pose);
+  if (place.percent_x) place.pixel.x *= camera.width / 100.0;
+  if (place.percent_y) place.pixel.y *= camera.height / 100.0;
   if (!(place.pixel.x >= 0 && place.pixel.y >= 0 && place.pixel.x <= camera.width &&
         place.pixel.y <= camera.height))
     throw Error(fmt::format("view {} has {} x {} pixels", view.name, camera.width, camera.height),
@@ -93,11 +95,18 @@ std::optional<PlacePixel> parse_place(const std::string& text) {
   const size_t at = text.rfind('@');
   if (at == std::string::npos || at == 0) return std::nullopt;
   PlacePixel place{text.substr(0, at), {}};
-  const char* end = text.data() + text.size();
-  const auto x = std::from_chars(text.data() + at + 1, end, place.pixel.x);
-  if (x.ec != std::errc() || x.ptr == end || *x.ptr != ',') return std::nullopt;
-  const auto y = std::from_chars(x.ptr + 1, end, place.pixel.y);
-  if (y.ec != std::errc() || y.ptr != end) return std::nullopt;
+  const char* const end = text.data() + text.size();
+  const char* from = text.data() + at + 1;
+  const auto read = [&](double& number, bool& percent) {
+    const auto result = std::from_chars(from, end, number);
+    if (result.ec != std::errc() || !std::isfinite(number)) return false;
+    from = result.ptr;
+    percent = from != end && *from == '%';
+    from += percent;
+    return true;
+  };
+  if (!read(place.pixel.x, place.percent_x) || from == end || *from++ != ',') return std::nullopt;
+  if (!read(place.pixel.y, place.percent_y) || from != end) return std::nullopt;
   return place;
 }
 

@@ -34,8 +34,9 @@ struct InsertOptions {
       metavar("FILE"), brief("a glTF object that stands in the scene"));
     v("at", at, "where its origin is, input coordinates; it stands upright");
     v("place", place,
-      "stands it on the surface under a pixel of a view, by the middle of its underside: "
-      "floor@X,Y or NAME@X,Y, pixels of the training or held-out photo NAME (floor: the first)",
+      "stands it on the surface under a pixel of a view, by the middle of its underside: NAME@X,Y "
+      "in pixels of that photo at the size trained on, or NAME@X%,Y% of its width and height; "
+      "floor stands for the first one's name",
       metavar("VIEW@X,Y"), brief("stands it on what pixel X,Y of a photo shows"));
     v("scale", scale, "input units that a metre of the object is", above(0), at_most(1e9));
     v("rotate", rotate, "degrees about its own x, y (up) and z, in this order");
@@ -49,10 +50,11 @@ struct InsertOptions {
   void check_options() const;
 };
 
-// VIEW@X,Y.
+// VIEW@X,Y, either of them in percent.
 struct PlacePixel {
   std::string view;
   Vec2d pixel;
+  bool percent_x = false, percent_y = false;
 };
 std::optional<PlacePixel> parse_place(const std::string& text);
 

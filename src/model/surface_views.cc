@@ -286,12 +286,12 @@ std::vector<DepthView> depth_views(const RadianceField& field, const SurfaceRegi
   const Vec3d size = region.box.size();
   const double voxel = std::max({size.x, size.y, size.z}) / options.resolution;
   const Vec3d centre = region.to_engine(region.box.center());
-  // A pixel is as wide as a voxel, and no finer than the photos'.
+  // A pixel is as wide as a voxel, or as one of the photos' where that is wider but not twice so.
   std::vector<double> focal;
   double rays = 0;
   for (const SurfaceCamera& camera : cameras) {
     const double distance = std::max(length(camera.to_engine.translation - centre), voxel);
-    focal.push_back(std::min(distance / voxel, camera.camera->fx()));
+    focal.push_back(std::clamp(camera.camera->fx(), 0.5 * distance / voxel, distance / voxel));
     rays += 4 * focal.back() * focal.back() * camera.tangent_x * camera.tangent_y;
   }
   const double shrink = std::min(1.0, std::sqrt(static_cast<double>(options.most_rays) / rays));

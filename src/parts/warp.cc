@@ -69,8 +69,8 @@ std::vector<LinearWeights*> PointNetwork::layers() {
 
 void PointNetwork::initialise(uint64_t seed, uint64_t layer, Real* weights) const {
   for (const LinearWeights& w : hidden)
-    draw_weights(w, xavier_bound(w), Random(seed, random_key(RandomStream::kFirstNetworks), layer++),
-                 weights);
+    draw_weights(w, xavier_bound(w),
+                 Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights);
   draw_weights(last, shape.last_bound,
                Random(seed, random_key(RandomStream::kFirstNetworks), layer), weights);
 }

@@ -37,6 +37,9 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
   std::set<std::string> known = {"--help", "--help-all"};
   for (const Command& program :
        {Command{NERF_TRAIN_PROGRAM, "--help-all"}, Command{NERF_RENDER_PROGRAM, "--help-all"},
+        Command{NERF_EXPORT_PROGRAM, "mesh", "--help"},
+        Command{NERF_EXPORT_PROGRAM, "points", "--help"},
+        Command{NERF_EXPORT_PROGRAM, "cameras", "--help"},
         Command{NERF_BENCH_PROGRAM, "scene", "--help"},
         Command{NERF_BENCH_PROGRAM, "render", "--help"},
         Command{NERF_BENCH_PROGRAM, "kernels", "--help"},

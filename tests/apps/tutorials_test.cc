@@ -50,6 +50,7 @@ void run_tutorial(const std::string& name, const testing_apps::TempFolder& folde
   EXPECT_GT(commands.size(), 4u);
   for (std::string command : commands) {
     replace(command, "--minutes 2", "--steps 20 --downscale 8 --overwrite");
+    replace(command, "--resolution 1024", "--resolution 64");
     replace(command, "--frames 48", "--frames 2");
     replace(command, "--size 960x540", "--size 48x28");
     const auto result = testing_apps::run_program(
@@ -65,6 +66,21 @@ TEST(Tutorials, DepthIntoACompositor) {
        {"comp/exr/orbit_0001.exr", "comp/deep/orbit_0001.exr", "comp/fog.exr", "wipe.mp4",
         "numbers/npy/depth.distance/orbit_0000.npy", "numbers/png16/depth.distance/orbit_0000.png",
         "numbers/layers.json", "wipe/film/orbit_0001.png"})
+    EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
+}
+
+TEST(Tutorials, MeshIntoBlender) {
+  const testing_apps::TempFolder folder;
+  run_tutorial("mesh_into_blender.md", folder);
+  for (const char* file : {"demo.glb", "cameras.glb", "fine.ply", "points.ply"})
+    EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
+}
+
+TEST(Tutorials, ObjectIntoAScene) {
+  const testing_apps::TempFolder folder;
+  run_tutorial("object_into_a_scene.md", folder);
+  for (const char* file : {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png",
+                           "layers/exr/orbit_0001.exr"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
 }
 

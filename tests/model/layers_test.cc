@@ -254,7 +254,7 @@ TEST(Layers, AreTheSameForAnyNumberOfThreads) {
 // Of a pixel's four rays: mean and variance of all their light, distances of the middle one.
 TEST(Layers, ManyRaysToAPixelAreOnePixel) {
   const Shot shot;
-  const RadianceField field = std::move(some_fields()[0]);
+  const RadianceField field = some_fields()[0];
   ThreadPool pool(2);
   const Frame two = render(field, shot.camera, shot.pose(), all_layers(2), pool);
   const Frame fine =
@@ -290,7 +290,9 @@ TEST(Layers, ManyRaysToAPixelAreOnePixel) {
         ++compared;
         EXPECT_EQ(two.layers.near[at], lowest);
       }
-      if (darkest > 0) EXPECT_EQ(two.layers.far[at], highest);
+      if (darkest > 0) {
+        EXPECT_EQ(two.layers.far[at], highest);
+      }
     }
   EXPECT_GT(compared, 200);
 }

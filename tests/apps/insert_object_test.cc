@@ -1,0 +1,140 @@
+// Where --insert stands an object.
+#include "insert_object.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "geometry/shapes.h"
+#include "model/analytic_field.h"
+#include "model/homogeneous_field.h"
+#include "nerf/io/mesh_file.h"
+#include "support/cameras.h"
+#include "support/temp_folder.h"
+
+namespace nerf::apps {
+namespace {
+
+TEST(ParsePlace, TakesAViewAndAPixel) {
+  const auto place = parse_place("left/a@b.jpg@12.5,7");
+  ASSERT_TRUE(place);
+  EXPECT_EQ(place->view, "left/a@b.jpg");
+  EXPECT_EQ(place->pixel, (Vec2d{12.5, 7}));
+  const auto share = parse_place("a@50%,8");
+  ASSERT_TRUE(share);
+  EXPECT_TRUE(share->percent_x);
+  EXPECT_FALSE(share->percent_y);
+  for (const char* text :
+       {"", "a@1%2,3", "a@nan,1", "a", "@1,2", "a@", "a@1", "a@1,", "a@1,2,3", "a@x,2", "a@1,2 "})
+    EXPECT_FALSE(parse_place(text)) << text;
+}
+
+TEST(InsertOptions, CombinationsAreChecked) {
+  const auto problem = [](const auto& change) {
+    InsertOptions o;
+    change(o);
+    return test::error_of([&] { o.check_options(); });
+  };
+  EXPECT_EQ(problem([](InsertOptions&) {}), "");
+  EXPECT_TRUE(test::contains(problem([](auto& o) { o.scale = 2; }), "--insert"));
+  EXPECT_TRUE(test::contains(problem([](auto& o) {
+                               o.insert = "a.glb";
+                               o.at = Vec3d{};
+                               o.place = "floor@1,2";
+                             }),
+                             "--place"));
+  EXPECT_TRUE(test::contains(problem([](auto& o) {
+                               o.insert = "a.glb";
+                               o.place = "floor";
+                             }),
+                             "VIEW@X,Y"));
+  EXPECT_TRUE(test::contains(problem([](auto& o) {
+                               o.insert = "a.glb";
+                               o.field_light = false;
+                             }),
+                             "--light"));
+}
+
+// A floor at engine z = -0.2 that a camera looks down on.
+RadianceField floor_field() {
+  const RadianceField field =
+      test::surface_field(test::tilted(), [](const Vec3d& p) { return p.z + 0.2; });
+  ModelInfo info = field.info();
+  ModelView view;
+  view.name = "left/a.jpg";
+  view.camera = test::pinhole(80, 60, 90);
+  view.pose = info.to_engine.apply_inverse(test::looking_at({1.5, 0.3, 1}, {0, 0, -0.2}));
+  info.views = {view};
+  return RadianceField(info, std::make_shared<GridField>(field.grid()));
+}
+
+// Two metres high, its origin in the middle.
+SceneObject post() {
+  SceneObject object;
+  object.mesh.positions = {{-0.1_r, -1, -0.1_r}, {0.1_r, -1, 0.1_r}, {0, 1, 0}};
+  object.mesh.triangles = {{0, 1, 2}};
+  object.material = {0};
+  object.materials.resize(1);
+  return object;
+}
+
+TEST(ObjectToInput, StandsUprightWhereItIsPut) {
+  const RadianceField field = floor_field();
+  const ModelInfo& info = field.info();
+  ThreadPool pool(1);
+  const RenderOptions render;
+  InsertOptions options;
+  options.insert = "post.glb";
+  const Vec3d up = info.to_engine.rotation.transposed() * Vec3d{0, 0, 1};
+  // By itself: in the frame of the files that nerf_export writes.
+  Similarity s = object_to_input(options, field, post(), render, pool);
+  const Vec3d p{0.3, -2, 5};
+  EXPECT_LT(length(s.apply(p) - input_to_gltf(info).inverse().apply(p)), 1e-9);
+  options.at = Vec3d{7, 8, 9};
+  options.scale = 0.5;
+  options.rotate = {0, 90, 0};
+  s = object_to_input(options, field, post(), render, pool);
+  EXPECT_LT(length(s.apply(Vec3d{}) - *options.at), 1e-9);
+  EXPECT_LT(length(s.apply(Vec3d{0, 1, 0}) - (*options.at + up * 0.5)), 1e-9);
+  // A quarter of a turn about its y: its z is where its x was.
+  InsertOptions straight = options;
+  straight.rotate = {};
+  const Similarity t = object_to_input(straight, field, post(), render, pool);
+  EXPECT_LT(length(s.apply(Vec3d{0, 0, 1}) - t.apply(Vec3d{1, 0, 0})), 1e-9);
+}
+
+TEST(ObjectToInput, StandsOnTheSurfaceUnderAPixel) {
+  const RadianceField field = floor_field();
+  const ModelInfo& info = field.info();
+  ThreadPool pool(1);
+  InsertOptions options;
+  options.insert = "post.glb";
+  options.place = "a@47,33";
+  options.scale = 0.3;
+  options.rotate = {0, 30, 0};
+  const Similarity s = object_to_input(options, field, post(), {}, pool);
+  const Vec3d below = info.to_engine.apply(s.apply(Vec3d{0, -1, 0}));
+  EXPECT_NEAR(below.z, -0.2, 0.01);
+  const Vec3d above = info.to_engine.apply(s.apply(Vec3d{0, 1, 0}));
+  EXPECT_LT(length(above - below - Vec3d{0, 0, 2 * 0.3 * info.to_engine.scale}), 1e-9);
+  // Seen in that pixel.
+  const ModelView& view = info.views[0];
+  const auto pixel = project(view.camera, view.pose.inverse() * s.apply(Vec3d{0, -1, 0}));
+  ASSERT_TRUE(pixel);
+  EXPECT_NEAR(pixel->x, 47, 0.1);
+  EXPECT_NEAR(pixel->y, 33, 0.1);
+  options.place = "floor@58.75%,55%";  // the same pixel
+  EXPECT_LT(
+      length(object_to_input(options, field, post(), {}, pool).apply(Vec3d{}) - s.apply(Vec3d{})),
+      1e-9);
+  const auto problem = [&](const std::string& place) {
+    options.place = place;
+    return test::error_of([&] { object_to_input(options, field, post(), {}, pool); });
+  };
+  EXPECT_TRUE(test::contains(problem("b@1,1"), "no view"));
+  EXPECT_TRUE(test::contains(problem("floor@90,1"), "80 x 60"));
+  EXPECT_TRUE(test::contains(problem("floor@1,1"), "nothing is seen"));
+}
+
+}  // namespace
+}  // namespace nerf::apps

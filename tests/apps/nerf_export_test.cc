@@ -1,0 +1,112 @@
+// nerf_export as a process, and its files in nerf_render's pictures.
+#include <gtest/gtest.h>
+
+#include "nerf/geometry/object.h"
+#include "nerf/io/image.h"
+#include "nerf/io/object_file.h"
+#include "nerf_train_fixture.h"
+
+namespace nerf {
+namespace {
+
+namespace fs = std::filesystem;
+using testing_apps::expect_refused;
+using testing_apps::ProgramResult;
+using testing_apps::read_text;
+
+ProgramResult export_program(const std::vector<std::string>& arguments) {
+  return testing_apps::run_program(NERF_EXPORT_PROGRAM, arguments);
+}
+
+// A small trained model.
+class NerfExport : public testing_apps::NerfTrain {
+ protected:
+  static void SetUpTestSuite() {
+    NerfTrain::SetUpTestSuite();
+    runs = new testing_apps::TempFolder;
+    const auto arguments = testing_apps::tiny({scene(), "-o", run(), "--steps", "150"});
+    ASSERT_EQ(train(arguments).exit_code, 0);
+  }
+  static void TearDownTestSuite() {
+    delete runs;
+    NerfTrain::TearDownTestSuite();
+  }
+  static std::string run() { return (runs->path() / "run").string(); }
+  std::string out(const std::string& name) const { return (folder_.path() / name).string(); }
+  static inline testing_apps::TempFolder* runs = nullptr;
+};
+
+TEST_F(NerfExport, WritesAMeshThatCanBeInserted) {
+  const std::string glb = out("mesh.glb"), ply = out("mesh.ply");
+  for (const char* from : {"depth", "density"}) {
+    const auto result = export_program({"mesh", run(), "-o", glb, "--resolution", "48", "--from",
+                                        from, "--triangles", "600", "--threads", "2"});
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    const ReadObject read = read_object(glb);
+    EXPECT_GT(read.object.mesh.triangles.size(), 100u);
+    EXPECT_LE(read.object.mesh.triangles.size(), 600u);
+    EXPECT_EQ(read.object.colours.size(), read.object.mesh.positions.size());
+  }
+  const auto result = export_program(
+      {"mesh", run(), "-o", ply, "--resolution", "32", "--bbox", "-1,-1,-1,1,1,1", "--no-colours"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(read_text(ply).find("red"), std::string::npos);
+  EXPECT_NE(read_text(ply).find("element face"), std::string::npos);
+  // Moved away from the scene it is seen beside it.
+  const auto render = [&](const std::string& folder, std::vector<std::string> more) {
+    std::vector<std::string> arguments{run(), "-o", out(folder), "--no-depth"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const auto drawn = testing_apps::run_program(NERF_RENDER_PROGRAM, arguments);
+    EXPECT_EQ(drawn.exit_code, 0) << drawn.err;
+    for (const auto& entry : fs::directory_iterator(out(folder)))
+      return read_image_8bit(entry.path()).pixels;
+    return std::vector<uint8_t>();
+  };
+  const auto plain = render("plain", {});
+  EXPECT_NE(render("with", {"--insert", glb, "--at", "0.2,0,0.3"}), plain);
+  EXPECT_EQ(render("far", {"--insert", glb, "--at", "1000,0,0"}), plain);
+}
+
+TEST_F(NerfExport, WritesTheSameBytesForAnyThreads) {
+  for (const char* threads : {"1", "2"}) {
+    const auto result = export_program({"mesh", run(), "-o", out(std::string(threads) + ".ply"),
+                                        "--resolution", "40", "--threads", threads});
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+  }
+  EXPECT_EQ(read_text(out("1.ply")), read_text(out("2.ply")));
+}
+
+TEST_F(NerfExport, WritesPointsAndCameras) {
+  auto result = export_program({"points", run(), "-o", out("p.ply"), "--points", "2000"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::string text = read_text(out("p.ply"));
+  EXPECT_NE(text.find("property float nx"), std::string::npos);
+  EXPECT_EQ(text.find("element face"), std::string::npos);
+  result = export_program(
+      {"cameras", run(), "-o", out("c.glb"), "--path", "orbit", "--frames", "5", "--metres", "2"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(read_text(out("c.glb")).find("\"animations\""), std::string::npos);
+}
+
+TEST_F(NerfExport, NamesMistakes) {
+  const auto refused = [&](const std::vector<std::string>& arguments,
+                           const std::vector<std::string>& parts) {
+    SCOPED_TRACE(testing::PrintToString(arguments));
+    expect_refused(export_program(arguments), "nerf_export", parts);
+  };
+  refused({"mash", run()}, {"unknown command 'mash'", "mesh"});
+  refused({"mesh", run(), "-o", out("a.obj")}, {".glb or .ply"});
+  refused({"mesh", run(), "-o", out("a.glb"), "--density", "3"}, {"--from density"});
+  refused({"mesh", run(), "-o", out("a.glb"), "--resolution", "16", "--bbox", "8,8,8,9,9,9"},
+          {"no surface in this box"});
+  refused({"points", run(), "-o", out("a.ply"), "--bbox", "8,8,8,9,9,9"},
+          {"no surface in this box"});
+  refused({"cameras", out("none"), "-o", out("a.glb")}, {"no such file"});
+  EXPECT_EQ(folder_.files(), 0);
+  for (const char* command : {"mesh", "points", "cameras"})
+    EXPECT_EQ(export_program({command, "--help"}).exit_code, 0);
+  EXPECT_EQ(export_program({}).exit_code, 0);
+}
+
+}  // namespace
+}  // namespace nerf
