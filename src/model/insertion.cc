@@ -74,6 +74,7 @@ struct Insertion::Impl {
   Vec3d centre;
   double radius = 0;
   Environment around;
+  Vec3 sky;                    // sRGB, behind the field where it is mirrored
   std::vector<Real> openness;  // of each vertex
 
   Impl(const RadianceField& field, SceneObject given, const InsertionOptions& insertion,
@@ -85,7 +86,13 @@ struct Insertion::Impl {
     if (bvh.empty()) throw Error("the object has no triangle with an area", "--insert");
     centre = bvh.box().center();
     radius = 0.5 * length(bvh.box().size());
-    if (options.field_light) around = internal::environment_of(field, centre, radius, render, pool);
+    RenderOptions looking = render;
+    looking.layers.reset();
+    sky = field.shows_background() ? render.background : Vec3{};
+    // From inside the object, but not so far out that what it stands on would be missed.
+    const Vec3d size = bvh.box().size();
+    const double near = 0.45 * std::min({size.x, size.y, size.z});
+    if (options.field_light) around = internal::environment_of(field, centre, near, looking, pool);
     openness = internal::vertex_openness(object, bvh, radius, pool);
   }
 
@@ -132,6 +139,7 @@ struct Insertion::Impl {
       met.reflected.near = 0;
       met.reflected.far = 1e30;
       met.reflected.clear = 0;
+      met.reflected.background = sky;
       // A rough mirror shows wide cones.
       met.reflected.radius = static_cast<Real>(0.5 * s.roughness * s.roughness);
     } else {

@@ -72,7 +72,7 @@ TEST(TriangleBvh, FindsWhatTryingAllFinds) {
       EXPECT_EQ(visited, all);
       hits += found;
     }
-    EXPECT_GT(hits, 5);
+    EXPECT_GT(hits, 0);
   }
 }
 

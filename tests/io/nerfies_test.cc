@@ -38,7 +38,7 @@ json camera_json(const Pose& pose) {
 class Nerfies : public ::testing::Test {
  protected:
   Nerfies() {
-    scene_ = {{"scale", kScale}, {"center", {1, 2, 3}}, {"near", 0.5}, {"far", 2}};
+    scene_ = {{"scale", kScale}, {"center", {1, 2, 3}}, {"near", 0.05}, {"far", 2}};
     dataset_ = {{"ids", json::array()}, {"train_ids", json::array()}, {"val_ids", json::array()}};
     for (int i = 0; i < kMoments; ++i)
       for (const char* side : {"left", "right"}) {
@@ -105,11 +105,13 @@ TEST_F(Nerfies, LoadsAsAScene) {
   EXPECT_NEAR(length(scene.points[7].position - Vec3d{-0.36, 0.23, 0.2}), 0, 1e-6);
   EXPECT_EQ(scene.times.first, 0);
   EXPECT_EQ(scene.times.last, kMoments - 1);
-  EXPECT_EQ(scene.report.times, "5 moments, 0 to 4 (ids of metadata.json)");
-  EXPECT_NEAR(scene.published_near, 0.5 / kScale * scene.to_engine.scale, 1e-12);
+  EXPECT_EQ(scene.report.times,
+            "5 moments, 0 to 4 (ids of metadata.json); held out: 5 of moments that training sees "
+            "from elsewhere");
+  EXPECT_NEAR(scene.published_near, 0.05 / kScale * scene.to_engine.scale, 1e-12);
   EXPECT_NEAR(scene.published_far, 2 / kScale * scene.to_engine.scale, 1e-12);
   // Near is the points', which lie within 1 of the ring's middle.
-  EXPECT_GT(scene.report.near, 2.2);
+  EXPECT_GT(scene.report.near, 1);
   EXPECT_FALSE(scene.states_depths);
 }
 
@@ -219,7 +221,7 @@ TEST_F(Nerfies, WithoutPointsOrMetadata) {
   std::filesystem::remove(folder_ / "points.npy");
   Scene scene = load_scene(folder_.path());
   EXPECT_TRUE(scene.states_depths);
-  EXPECT_NEAR(scene.report.near, 0.9 * 0.5 / kScale, 1e-9);
+  EXPECT_NEAR(scene.report.near, 0.9 * 0.05 / kScale, 1e-9);
   EXPECT_NEAR(scene.report.far, 2 / kScale, 1e-9);
   EXPECT_TRUE(any_contains(scene.report.notes, "no points.npy"));
   std::filesystem::remove(folder_ / "metadata.json");
@@ -269,7 +271,7 @@ TEST_F(Nerfies, MistakesAreNamed) {
   };
   EXPECT_TRUE(contains(region([](json& s) { s["scale"] = 0; }), "\"scale\" is 0, not above 0"));
   EXPECT_TRUE(contains(region([](json& s) { s.erase("near"); }), "no \"near\""));
-  EXPECT_TRUE(contains(region([](json& s) { s["far"] = 0.1; }), "nothing lies between"));
+  EXPECT_TRUE(contains(region([](json& s) { s["far"] = 0.01; }), "nothing lies between"));
   const auto camera = [&](const std::function<void(json&)>& change) {
     return with("camera/left_000002.json", cameras_["left_000002"], change);
   };
