@@ -71,8 +71,9 @@ int render_main(int argc, char** argv) {
 
   const auto model = find_model_file(command.run);
   RadianceField field = RadianceField::load(model);
-  RenderPlan plan = make_render_plan(command, field.info(), available_memory_bytes(),
-                                     {density_of(field, pool), field.shows_background()});
+  RenderPlan plan =
+      make_render_plan(command, field.info(), available_memory_bytes(),
+                       {density_of(field, pool), field.shows_background(), field.moves()});
   for (const std::string& note : plan.notes) log_warning(note);
   give_appearance(command.appearance, field, plan);
   if (!command.mp4.empty()) check_video(command.mp4);

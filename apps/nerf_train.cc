@@ -21,6 +21,7 @@
 #include "photo_needs.h"
 #include "render_plan.h"
 #include "run_folder.h"
+#include "score_text.h"
 #include "train_options.h"
 
 namespace nerf::apps {
@@ -278,15 +279,7 @@ class Training {
                          run.steps, rate_text(run.samples_per_second(), "samples")));
     log_info(fmt::format("besides     decoding {:.1f} s, evaluation {:.1f} s, saving {:.1f} s",
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
-    if (summary_.evaluation.counted > 0)
-      log_info(fmt::format(
-          "held out    PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views{}", summary_.evaluation.psnr,
-          summary_.evaluation.ssim, summary_.evaluation.counted,
-          summary_.evaluation.halves ? " (right halves, in a light that fits the left ones)" : ""));
-    if (summary_.evaluation.scales.size() > 1)
-      for (const ScaleScore& s : summary_.evaluation.scales)
-        log_info(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views", s.scale,
-                             s.psnr, s.ssim, s.counted));
+    for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
     write_left_out();
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));

@@ -1,6 +1,10 @@
 #include "render_options.h"
 
+#include <fmt/format.h>
+
 #include <charconv>
+#include <cmath>
+#include <string_view>
 
 #include "nerf/base/error.h"
 
@@ -18,9 +22,33 @@ std::optional<ImageSize> parse_image_size(const std::string& text) {
   return size;
 }
 
+std::optional<TimeSpan> parse_time_span(const std::string& text) {
+  const auto number = [](std::string_view part) -> std::optional<double> {
+    double value = 0;
+    const auto [end, problem] = std::from_chars(part.data(), part.data() + part.size(), value);
+    const bool whole = problem == std::errc() && end == part.data() + part.size();
+    return whole && std::isfinite(value) ? std::optional(value) : std::nullopt;
+  };
+  const std::string_view all = text;
+  const size_t dots = all.find("..");
+  const auto from = number(all.substr(0, dots));
+  const auto to = dots == all.npos ? from : number(all.substr(dots + 2));
+  return from && to ? std::optional(TimeSpan{*from, *to}) : std::nullopt;
+}
+
+std::string time_span_text(const TimeSpan& span) {
+  return span.from == span.to ? fmt::format("{}", span.from)
+                              : fmt::format("{}..{}", span.from, span.to);
+}
+
 void RenderCommand::check_options() const {
   layers.check_options();
   object.check_options();
+  if (time && freeze_time)
+    throw Error("--time and --freeze-time exclude each other", "", "leave one of them out");
+  if (freeze_time && !freeze_camera.empty())
+    throw Error("--freeze-time and --freeze-camera leave nothing that moves", "",
+                "give --time T for pictures of one moment");
   if (size && downscale > 1)
     throw Error("--size and --downscale exclude each other", "", "give the final size to --size");
   if (out.empty()) throw Error("the folder's name is empty", "--out");

@@ -1,6 +1,7 @@
 // Command line of nerf_render.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -27,7 +28,42 @@ inline constexpr int kLargestSide = 16384;
 // No value where `text` is not two whole numbers from 1 to kLargestSide with an x between them.
 std::optional<ImageSize> parse_image_size(const std::string& text);
 
+// "T" or "A..B" as an option: both are T of the former.
+struct TimeSpan {
+  double from = 0, to = 0;
+};
+
+// No value where `text` is neither.
+std::optional<TimeSpan> parse_time_span(const std::string& text);
+std::string time_span_text(const TimeSpan& span);
+
+// What times on the command line are given in.
+enum class TimeUnit {
+  kShare,    // 0 is the capture's first moment, 1 its last
+  kCapture,  // CaptureTimes
+};
+inline auto option_names(TimeUnit) {
+  return std::array{OptionName{TimeUnit::kShare, "share"},
+                    OptionName{TimeUnit::kCapture, "capture"}};
+}
+
 }  // namespace apps
+
+template <>
+struct OptionTraits<apps::TimeSpan> {
+  static constexpr OptionType kType = OptionType::kText;
+  static void describe(OptionField& f) {
+    f.metavar = "T|A..B";
+    f.problem = [](const OptionValue& v) -> std::string {
+      if (apps::parse_time_span(std::get<std::string>(v))) return "";
+      return "give a number, or two with .. between them, as in 0.2..0.8";
+    };
+  }
+  static OptionValue to_value(const apps::TimeSpan& s) { return apps::time_span_text(s); }
+  static apps::TimeSpan from_value(const OptionValue& v) {
+    return apps::parse_time_span(std::get<std::string>(v)).value();
+  }
+};
 
 template <>
 struct OptionTraits<apps::ImageSize> {
@@ -62,6 +98,10 @@ struct RenderCommand {
   std::optional<int> frames;
   std::optional<double> fps;
   std::filesystem::path mp4;
+  std::optional<TimeSpan> time;
+  std::optional<double> freeze_time;
+  std::string freeze_camera;
+  TimeUnit time_unit = TimeUnit::kShare;
   bool depth = true;
   std::optional<Box3> bbox;
   std::optional<Vec3> background;
@@ -113,6 +153,20 @@ struct RenderCommand {
       at_least(0.1), at_most(1000), brief("frames per second of the video"));
     v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", metavar("FILE"),
       brief("also writes a video"));
+    v.heading("When, in a scene that moves");
+    v("time", time,
+      "the moment of all pictures, or from one to another along the frames; 0 is the capture's "
+      "first and 1 its last; without it what the views say, and of generated paths all of them",
+      brief("a moment from 0 to 1, or from one to another: T, A..B"));
+    v("freeze_time", freeze_time, "time stands at this moment, while the camera moves",
+      metavar("T"));
+    v("freeze_camera", freeze_camera,
+      "the camera stands, while the scene runs: a photo's name, or a number of a frame of --views; "
+      "--frames says of how many, else as many as the capture has moments",
+      metavar("PHOTO|N"), brief("the camera stands at a photo's place, or a frame's of --views"));
+    v("time_unit", time_unit,
+      "what times are given in: share, from 0 to 1; capture, what the capture's files say (a "
+      "video's seconds, numbers of frames)");
     v.heading("How to draw it");
     v("depth", depth, "colour-mapped depth pictures in DIR/depth",
       brief("pictures of depth too; --no-depth leaves them out"));

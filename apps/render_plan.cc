@@ -12,6 +12,7 @@
 #include "nerf/base/text.h"
 #include "nerf/io/camera_path.h"
 #include "nerf/math/camera_paths.h"
+#include "render_times.h"
 
 namespace nerf::apps {
 namespace {
@@ -30,6 +31,7 @@ constexpr uint64_t kLayerBytesPerPixel = 64 * sizeof(Real), kDeepBytesPerPixel =
 struct Views {
   CameraPath path;
   bool photos = false;  // the cameras are those of photos, with their lenses
+  bool file = false;    // a file says the poses and how fast they follow each other
 };
 
 // Frames of another kind than the path's own; panoramas, in their usual size.
@@ -58,23 +60,24 @@ void level(const Similarity& to_engine, CameraPath& path) {
   }
 }
 
-Views find_views(const RenderCommand& command, const ModelInfo& info,
-                 const PathOptions::Density& density) {
+// What --views names; a frozen camera's film has a length of its own.
+Views named_views(const RenderCommand& command, const ModelInfo& info, const ModelAnswers& model) {
   const auto kinds = option_names(PathKind{});
   const auto kind = std::find_if(kinds.begin(), kinds.end(),
                                  [&](const auto& entry) { return command.views == entry.name; });
   if (!command.path_transform.empty() && kind != kinds.end())
     throw Error("--path-transform is for camera path files", "--path-transform", "leave it out");
   Views views;
-  views.photos =
-      kind != kinds.end() && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
-  if (command.frames && (views.photos || kind == kinds.end()))
+  views.file = kind == kinds.end();
+  views.photos = !views.file && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
+  const bool stands = !command.freeze_camera.empty();
+  if (command.frames && !stands && (views.photos || views.file))
     throw Error("--frames is for orbit, spiral, spherified, ellipse and interpolate", "--frames",
                 "leave it out: these views have a number of their own");
-  if (kind != kinds.end()) {
+  if (!views.file) {
     PathOptions options;
-    options.frames = command.frames.value_or(kDefaultFrames);
-    options.density = density;
+    options.frames = stands ? kDefaultFrames : command.frames.value_or(kDefaultFrames);
+    options.density = model.density;
     views.path = make_camera_path(info, kind->value, options);
   } else if (command.views.ends_with(".json") || fs::exists(command.views)) {
     views.path = read_camera_path(command.views, info, command.path_transform);
@@ -85,14 +88,32 @@ Views find_views(const RenderCommand& command, const ModelInfo& info,
     throw Error("'" + command.views + "' is neither a known kind of views nor a file", "--views",
                 nearest_name_hint(command.views, names));
   }
+  return views;
+}
+
+Views find_views(const RenderCommand& command, const ModelInfo& info, const ModelAnswers& model) {
+  Views views;
+  if (command.freeze_camera.empty()) {
+    views = named_views(command, info, model);
+  } else if (const auto photo = photo_frame(command.freeze_camera, info)) {
+    views.path.frames = {*photo};
+    views.photos = true;
+  } else {
+    views = named_views(command, info, model);
+    views.path.frames = {numbered_frame(command.freeze_camera, views.path)};
+  }
+  const bool stands = !command.freeze_camera.empty();
+  if (stands) views.path.frames = film_of(views.path.frames.front(), command.frames, info);
+  set_times(command, info, model.moves, views.path);
+  if (!views.file || stands)
+    views.path.fps = capture_speed(info, views.path).value_or(views.path.fps);
   if (command.fps) views.path.fps = *command.fps;
   if (command.camera && views.photos)
     throw Error("--camera is for generated paths and camera path files", "--camera",
                 "leave it out: these views have their photos' cameras");
   const PictureKind picture = command.camera.value_or(views.path.picture);
   if (picture != views.path.picture) change_picture(picture, views.path);
-  if (picture != PictureKind::kPerspective && kind != kinds.end())
-    level(info.to_engine, views.path);
+  if (picture != PictureKind::kPerspective && !views.file) level(info.to_engine, views.path);
   return views;
 }
 
@@ -169,7 +190,7 @@ fs::path picture_file(const std::string& view_name) {
 
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
                             uint64_t memory_bytes, const ModelAnswers& model) {
-  const Views views = find_views(command, info, model.density);
+  const Views views = find_views(command, info, model);
   RenderPlan plan;
   plan.fps = views.path.fps;
   plan.notes = views.path.notes;

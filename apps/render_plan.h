@@ -40,6 +40,7 @@ struct RenderPlan {
 struct ModelAnswers {
   PathOptions::Density density = {};  // where an orbit would pass
   bool shows_background = true;       // see RadianceField
+  bool moves = true;                  // whether its pictures depend on their time
 };
 
 // The model file of a RUN argument: the file itself, or model.nerf in that folder. Throws Error.
@@ -47,8 +48,8 @@ std::filesystem::path find_model_file(const std::filesystem::path& run);
 
 // Throws Error for views that are neither a known word nor a file, what make_camera_path and
 // read_camera_path refuse, --frames and --camera where the views have their own, --ipd where there
-// are no two eyes, pictures that do not fit into `memory_bytes`, and pictures of different sizes
-// where a video is wanted.
+// are no two eyes, times that the capture does not have, pictures that do not fit into
+// `memory_bytes`, and pictures of different sizes where a video is wanted.
 RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
                             uint64_t memory_bytes, const ModelAnswers& model = {});
 

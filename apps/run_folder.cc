@@ -13,6 +13,7 @@
 #include "nerf/base/memory.h"
 #include "nerf/io/camera_files.h"
 #include "nerf/kernels/simd.h"
+#include "score_text.h"
 
 namespace nerf::apps {
 namespace {
@@ -30,6 +31,7 @@ Json view_scores(const Evaluation& e) {
   for (const ViewScore& v : e.views) {
     views.push_back(
         {{"name", v.name}, {"scale", v.scale}, {"psnr", number(v.psnr)}, {"ssim", number(v.ssim)}});
+    if (v.held_out != HeldOut::kStatic) views.back()["held_out"] = held_out_name(v.held_out);
     if (!e.aligned) continue;
     views.back()["aligned_psnr"] = number(v.aligned_psnr);
     views.back()["aligned_ssim"] = number(v.aligned_ssim);
@@ -43,6 +45,14 @@ Json scale_scores(const Evaluation& e) {
     scales.push_back(
         {{"scale", s.scale}, {"psnr", s.psnr}, {"ssim", s.ssim}, {"views", s.counted}});
   return scales;
+}
+
+// Of the kinds of held-out views that a capture in motion has.
+Json held_out_scores(const Evaluation& e) {
+  Json scores = Json::object();
+  for (const HeldOutScore& s : e.held_out)
+    scores[held_out_name(s.held_out)] = {{"psnr", s.psnr}, {"ssim", s.ssim}, {"views", s.counted}};
+  return scores;
 }
 
 }  // namespace
@@ -149,6 +159,7 @@ void MetricsFile::add_evaluation(int64_t step, double train_seconds, const Evalu
                    {"views", e.counted},
                    {"evaluation_seconds", e.seconds},
                    {"scales", scale_scores(e)},
+                   {"held_out", held_out_scores(e)},
                    {"per_view", view_scores(e)}}));
 }
 
@@ -191,6 +202,7 @@ void write_result(const fs::path& path, const RunSummary& s) {
                                         {"simd", simd_target()},
                                         {"precision", s.precision},
                                         {"scales", scale_scores(s.evaluation)},
+                                        {"held_out", held_out_scores(s.evaluation)},
                                         {"views", view_scores(s.evaluation)}},
                                    2));
 }

@@ -68,6 +68,7 @@ void TrainCommand::check_options() const {
   if (holdout == Holdout::kNone && split == SplitChoice::kDev)
     throw Error("--split dev and --holdout none exclude each other", "", "leave one of them out");
   train.check_options();
+  check_times_option(times);
   check_camera_model(camera_model);
   if (resume && overwrite)
     throw Error("--resume and --overwrite exclude each other", "", "leave one of them out");
@@ -114,6 +115,7 @@ SceneOptions TrainCommand::scene_options() const {
   o.up = up;
   o.near = near;
   o.far = far;
+  o.times = times;
   o.camera_model = camera_model;
   o.cut_out = cut_out;
   o.work_folder = out / kCaptureFolder;
@@ -124,12 +126,12 @@ SceneOptions TrainCommand::scene_options() const {
 ProgramText train_program_text() {
   return {
       "nerf_train", "Trains a radiance field from photographs.",
-      "A capture is a folder with Blender's transforms_train.json, with LLFF's\n"
-      "poses_bounds.npy, with COLMAP's images and sparse, with a transforms.json, a folder of\n"
-      "photos (camera poses are found by colmap), or a video. Masks lie in masks/ under the\n"
-      "photo's name, or the name + .png: values of 128 and more keep a pixel, the others count\n"
-      "neither in training nor in metrics. Pixels are taken as stored; EXIF orientation is\n"
-      "applied where the cameras have the size of the turned picture.\n\n"
+      "A capture is a folder with Blender's transforms_train.json, LLFF's poses_bounds.npy,\n"
+      "COLMAP's images and sparse, a transforms.json, Nerfies' camera and rgb, Non-Rigid NeRF's\n"
+      "precomputed.json, a folder of photos (colmap finds their poses), or a video. Masks lie in\n"
+      "masks/ under the photo's name, or the name + .png: values of 128 and more keep a pixel,\n"
+      "the others count neither in training nor in metrics. Pixels are taken as stored; EXIF\n"
+      "orientation is applied where the cameras have the size of the turned picture.\n\n"
       "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"
       "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume) and eval/ with\n"
       "photo, rendering and depth side by side. The clock is that of training steps.\n"

@@ -21,9 +21,11 @@ namespace nerf {
 inline auto option_names(SceneFormat) {
   return std::array{OptionName{SceneFormat::kAuto, "auto"},
                     OptionName{SceneFormat::kBlender, "blender"},
+                    OptionName{SceneFormat::kNerfies, "nerfies"},
                     OptionName{SceneFormat::kColmap, "colmap"},
                     OptionName{SceneFormat::kTransforms, "transforms"},
                     OptionName{SceneFormat::kLlff, "llff"},
+                    OptionName{SceneFormat::kNonrigid, "nonrigid"},
                     OptionName{SceneFormat::kPhotos, "photos"},
                     OptionName{SceneFormat::kVideo, "video"}};
 }
@@ -54,6 +56,7 @@ struct TrainCommand {
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
   std::optional<double> near, far;
+  std::string times;
   std::string camera_model = "auto";
   CutOut cut_out;
   int threads = 0;
@@ -89,8 +92,12 @@ struct TrainCommand {
     v("up", up, "direction that points up, input coordinates", brief("direction that points up"));
     v("near", near, "distance from every camera at which content may begin, input unit", above(0),
       brief("distance from the cameras at which content begins"));
-    v("far", far, "distance from the cameras at which content ends, input unit", above(0),
-      brief("distance from the cameras at which it ends"));
+    v("far", far, "distance from the cameras at which content ends, input unit", above(0));
+    v("times", times,
+      "when the photos were taken, in place of what the capture's files say: frame, in the order "
+      "of their names in each folder (a video's by its own clock); name, by the last number in "
+      "their names; or a file {\"photo\": time}, in any unit",
+      metavar("frame|name|FILE.json"));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "

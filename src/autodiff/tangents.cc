@@ -253,6 +253,11 @@ WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b) 
   return y;
 }
 
+WithTangents multiply(Tape& tape, const WithTangents& a, Value constant) {
+  return {multiply(tape, a.value, constant),
+          of_each(a, [&](Value t) { return multiply(tape, t, constant); })};
+}
+
 WithTangents scale_shift(Tape& tape, const WithTangents& x, Real factor, Real shift) {
   return {scale_shift(tape, x.value, factor, shift),
           of_each(x, [&](Value t) { return scale_shift(tape, t, factor, 0); })};

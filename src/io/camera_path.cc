@@ -188,11 +188,6 @@ std::string numbered(const std::string& prefix, size_t i) {
   return prefix + number;
 }
 
-bool has_times(const ModelInfo& info) {
-  return std::any_of(info.views.begin(), info.views.end(),
-                     [&](const ModelView& v) { return v.time != info.views.front().time; });
-}
-
 std::vector<double> even_parameters(int count) {
   std::vector<double> parameters(static_cast<size_t>(count));
   for (int i = 0; i < count; ++i)
@@ -226,8 +221,18 @@ std::function<std::vector<double>(std::span<const Vec3d>)> engine_density(
   };
 }
 
+// Of a rig the views of one camera, that of the most, held out or not: a path through all of them
+// would jump from camera to camera at each moment.
+std::vector<const ModelView*> views_in_a_row(const ModelInfo& info) {
+  std::map<int, std::vector<const ModelView*>> cameras;
+  for (const ModelView& view : info.views) cameras[view.ids.camera].push_back(&view);
+  if (!has_times(info) || cameras.size() < 2 || cameras.contains(-1)) return training_views(info);
+  return std::ranges::max_element(cameras, {}, [](const auto& c) { return c.second.size(); })
+      ->second;
+}
+
 void add_interpolation(CameraPath& path, const ModelInfo& info, int frames) {
-  auto views = training_views(info);
+  auto views = views_in_a_row(info);
   const bool timed = has_times(info);
   const auto before = [&](const ModelView* a, const ModelView* b) {
     return timed ? a->time < b->time : natural_less(a->name, b->name);

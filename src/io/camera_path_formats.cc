@@ -119,7 +119,8 @@ CameraPath read_transforms_path(const PathSource& source) {
       if (!warning.empty() && !says_lens) path.notes.push_back(warning);
     }
     says_lens |= lens;
-    view.time = std::clamp(own.number("time").value_or(0), 0.0, 1.0);
+    if (const auto time = own.number("time"))
+      view.time = std::clamp(source.info.times.from_unit(*time), 0.0, 1.0);
     path.frames.push_back(std::move(view));
   }
   path.own_lenses = says_lens;
@@ -155,6 +156,11 @@ CameraPath read_pose_list(const PathSource& source) {
 
 CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& info,
                             const std::filesystem::path& transform) {
+  if (internal::is_folder(file)) {
+    CameraPath path = internal::read_nerfies_path(file, info);
+    internal::place_path(path, file, transform, info, false);
+    return path;
+  }
   const std::string text = read_text_file(file, internal::kMaxFileBytes);
   const std::string where = file.string();
   const nlohmann::json document = internal::parse_path_json(text, where);

@@ -33,6 +33,10 @@ CameraPath read_pose_list(const PathSource& source);
 // instant-ngp's base_cam.json: key poses that a uniform cubic B-spline runs through.
 CameraPath read_instant_ngp_path(const PathSource& source);
 
+// A folder of cameras in Nerfies' layout, camera-paths/NAME, in order of the files' names. They say
+// no times: of a model of several moments these pass once along the path.
+CameraPath read_nerfies_path(const std::filesystem::path& folder, const ModelInfo& info);
+
 // Camera-to-world matrix of rows with OpenGL camera axes, of which a uniform scale is dropped.
 Pose opengl_pose(const nlohmann::json& rows, const std::string& where);
 

@@ -122,8 +122,7 @@ DepthPoints add_depth_points(Scene& scene, PhotoSet& photos, ThreadPool& pool,
   }
   result.maps = static_cast<int>(maps.size());
   if (maps.empty()) return result;
-  const bool has_near = static_cast<int>(scene.points.size()) >= kFewPoints ||
-                        scene.options.format == SceneFormat::kLlff;
+  const bool has_near = static_cast<int>(scene.points.size()) >= kFewPoints || scene.states_depths;
   std::vector<Looks> looks(maps.size());
   const size_t wanted = std::clamp(kMostPoints / maps.size(), kLeastOfMap, kMostOfMap);
   pool.parallel_for(static_cast<int64_t>(maps.size()), [&](int64_t i) {

@@ -2,13 +2,11 @@
 
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfDeepFrameBuffer.h>
-#include <OpenEXR/ImfDeepImageStateAttribute.h>
 #include <OpenEXR/ImfDeepScanLineOutputFile.h>
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfIO.h>
 #include <OpenEXR/ImfOutputFile.h>
 #include <OpenEXR/ImfPartType.h>
-#include <OpenEXR/ImfStandardAttributes.h>
 #include <OpenEXR/ImfTiledOutputFile.h>
 
 #include <algorithm>
@@ -129,8 +127,7 @@ void write_deep_exr(const fs::path& path, const Frame& frame, double stops, cons
   NERF_CHECK_EQ(frame.layers.deep.size(), pixels);
   Imf::Header header = internal::exr_header(frame.width, frame.height, given);
   header.setType(Imf::DEEPSCANLINE);
-  header.compression() = Imf::ZIPS_COMPRESSION;   // deep files know no larger blocks
-  Imf::addDeepImageState(header, Imf::DIS_TIDY);  // in order, without overlap
+  header.compression() = Imf::ZIPS_COMPRESSION;  // deep files know no larger blocks
   const Imf::PixelType colour = options.type == ExrType::kHalf ? Imf::HALF : Imf::FLOAT;
   std::vector<Plane> planes;
   for (const char* name : {"R", "G", "B", "A"}) planes.push_back({name, colour, {}});

@@ -11,9 +11,9 @@
 #include <array>
 #include <cmath>
 
+#include "llff_row.h"
 #include "nerf/math/camera_paths.h"
 #include "npy.h"
-#include "paths.h"
 #include "scene_input.h"
 #include "scene_limits.h"
 
@@ -25,18 +25,13 @@ namespace {
 
 constexpr size_t kColumns = 17;
 
-struct Row {
-  Camera camera;
-  Pose pose;
-  double near, far;
-};
+}  // namespace
 
-Row parse_row(const double* v, size_t index, const std::string& file) {
-  const std::string where = fmt::format("{}: row {}", file, index);
+LlffRow parse_llff_row(const double* v, LlffAxes axes, const std::string& where) {
   for (size_t i = 0; i < kColumns; ++i)
     if (!std::isfinite(v[i])) throw Error("holds what is not a number", where);
   const auto column = [&](size_t c) { return Vec3d{v[c], v[5 + c], v[10 + c]}; };
-  Row row;
+  LlffRow row;
   // Rows 0 to 2 of the fifth column.
   row.camera.model = CameraModel::kSimplePinhole;
   const double height = v[4], width = v[9], focal = v[14];
@@ -46,30 +41,41 @@ Row parse_row(const double* v, size_t index, const std::string& file) {
   row.camera.height = static_cast<int>(std::lround(height));
   row.camera.params = {focal, 0.5 * width, 0.5 * height};
   if (const auto problem = camera_problem(row.camera)) throw Error(*problem, where, kImageSizeHint);
-  Mat3d axes;  // OpenCV: right, down, forward
-  axes.set_column(0, column(1));
-  axes.set_column(1, column(0));
-  axes.set_column(2, -column(2));
-  if (!(orthonormality_error(axes) < 0.02))
+  const bool turned = axes == LlffAxes::kRightUpBack;
+  Mat3d rotation;  // OpenCV: right, down, forward
+  rotation.set_column(0, turned ? column(0) : column(1));
+  rotation.set_column(1, turned ? -column(1) : column(0));
+  rotation.set_column(2, -column(2));
+  if (!(orthonormality_error(rotation) < 0.02))
     throw Error("does not hold a rotation", where,
-                "its first three columns are the camera's axes down, right and backwards");
+                turned ? "its first three columns are the camera's axes right, up and backwards"
+                       : "its first three columns are the camera's axes down, right and backwards");
   // What rounding to four bytes left is taken out.
-  axes.set_column(0, normalized(axes.column(0)));
-  axes.set_column(
-      1, normalized(axes.column(1) - axes.column(0) * dot(axes.column(0), axes.column(1))));
-  axes.set_column(2, cross(axes.column(0), axes.column(1)));
-  row.pose.rotation = axes;
+  const Vec3d right = normalized(rotation.column(0));
+  const Vec3d down = normalized(rotation.column(1) - right * dot(right, rotation.column(1)));
+  rotation.set_column(0, right);
+  rotation.set_column(1, down);
+  rotation.set_column(2, cross(right, down));
+  row.pose.rotation = rotation;
   row.pose.translation = column(3);
   if (!coordinate_ok(row.pose.translation)) throw Error("has an absurd position", where);
-  row.near = v[15];
-  row.far = v[16];
-  if (!(row.near > 0 && row.near < row.far))
-    throw Error(fmt::format("has the depths {} to {}", row.near, row.far), where,
+  row.depths = {v[15], v[16]};
+  if (!(row.depths.near > 0 && row.depths.near < row.depths.far))
+    throw Error(fmt::format("has the depths {} to {}", row.depths.near, row.depths.far), where,
                 "the nearest must be above 0 and below the farthest");
   return row;
 }
 
-}  // namespace
+void add_llff_view(const LlffRow& row, const std::string& name, SceneInput& input) {
+  View view;
+  view.name = name;
+  view.image_path = input.image_folder / name;
+  view.camera = static_cast<int>(input.cameras.size());
+  view.pose = row.pose;
+  input.cameras.push_back(row.camera);
+  input.views.push_back(std::move(view));
+  input.depths.push_back(row.depths);
+}
 
 SceneInput read_llff_scene(const fs::path& root) {
   const fs::path file = root / "poses_bounds.npy";
@@ -100,15 +106,9 @@ SceneInput read_llff_scene(const fs::path& root) {
                             input.image_folder.string(), names.size()),
                 file.string(), "rows and images belong together in the order of the names");
   for (size_t i = 0; i < names.size(); ++i) {
-    const Row row = parse_row(array.values.data() + i * kColumns, i, file.string());
-    View view;
-    view.name = names[i];
-    view.image_path = input.image_folder / names[i];
-    view.camera = static_cast<int>(input.cameras.size());
-    view.pose = row.pose;
-    input.cameras.push_back(row.camera);
-    input.views.push_back(std::move(view));
-    input.depths.push_back({row.near, row.far});
+    const std::string where = fmt::format("{}: row {}", file.string(), i);
+    const double* row = array.values.data() + i * kColumns;
+    add_llff_view(parse_llff_row(row, LlffAxes::kDownRightBack, where), names[i], input);
   }
   input.images_total = static_cast<int>(names.size());
   input.mask_folders = {root / "masks"};

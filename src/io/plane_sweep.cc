@@ -296,8 +296,7 @@ bool is_narrow(const Camera& camera) {
 int add_swept_points(Scene& scene, const PhotoSet& photos, ThreadPool& pool, const Cancel* cancel) {
   if (scene.alpha || points_seen(scene) >= kFewPoints) return 0;
   // Where nobody says who sees the points they still say where content begins.
-  const bool has_near = static_cast<int>(scene.points.size()) >= kFewPoints ||
-                        scene.options.format == SceneFormat::kLlff;
+  const bool has_near = static_cast<int>(scene.points.size()) >= kFewPoints || scene.states_depths;
   std::vector<int> views;
   for (const int v : scene.train)
     if (scene.views[static_cast<size_t>(v)].scale == 1 &&

@@ -15,6 +15,7 @@
 #include "scene_detect.h"
 #include "scene_frame.h"
 #include "scene_outliers.h"
+#include "scene_times.h"
 
 namespace nerf {
 namespace {
@@ -120,7 +121,7 @@ void warn_of_few(SceneReport& report) {
 void warn_of_no_points(const Scene& scene, SceneReport& report) {
   const auto has_depth = [](const View& view) { return !view.depth_path.empty(); };
   if (std::ranges::any_of(scene.views, has_depth)) return;  // which says where content is
-  if (!scene.points.empty() || !scene.unbounded || scene.options.format == SceneFormat::kLlff ||
+  if (!scene.points.empty() || !scene.unbounded || scene.states_depths ||
       (scene.options.near && scene.options.far))
     return;
   report.warnings.push_back(
@@ -148,6 +149,7 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
     throw Error(fmt::format("--downscale {} makes no sense", options.downscale), "",
                 "give a whole number from 1");
   }
+  check_times_option(options.times);
   Scene scene;
   scene.options = options;
   const std::filesystem::path path =
@@ -180,9 +182,11 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
                 path.string(), "a scene needs images from several places, some 20 or more");
   }
   sort_views(input);
+  scene.times = internal::settle_times(input, scene.options, report);
   scene.cameras = input.cameras;
   scene.views = input.views;
   scene.points = std::move(input.points);
+  scene.states_depths = !input.depths.empty();
   internal::choose_frame(input, scene);
   scene.observations = std::move(input.observations);
   warn_of_no_points(scene, report);
@@ -196,6 +200,7 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
   describe_cameras(scene, report);
   check_memory(scene, report);
   split_views(input.is_test, scene);
+  internal::describe_held_out(scene, report);
   return scene;
 }
 

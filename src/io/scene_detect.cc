@@ -7,6 +7,7 @@
 #include <set>
 
 #include "io/cameras/capture_photos.h"
+#include "lenient_json.h"
 #include "nerf/io/capture_tools.h"
 #include "panoramas.h"
 #include "paths.h"
@@ -21,8 +22,9 @@ namespace fs = std::filesystem;
 namespace {
 
 // In which they are looked for.
-constexpr std::array kOrder{SceneFormat::kBlender, SceneFormat::kColmap, SceneFormat::kTransforms,
-                            SceneFormat::kLlff,    SceneFormat::kPhotos, SceneFormat::kVideo};
+constexpr std::array kOrder{SceneFormat::kBlender,    SceneFormat::kNerfies, SceneFormat::kColmap,
+                            SceneFormat::kTransforms, SceneFormat::kLlff,    SceneFormat::kNonrigid,
+                            SceneFormat::kPhotos,     SceneFormat::kVideo};
 
 // COLMAP on a CPU matches every pair of so many frames in minutes.
 constexpr int kMaxVideoFrames = 120;
@@ -71,13 +73,18 @@ bool has_format(const fs::path& path, SceneFormat format) {
     case SceneFormat::kBlender:
       return folder ? path_exists(path / "transforms_train.json")
                     : path.filename() == "transforms_train.json";
+    case SceneFormat::kNerfies:
+      return folder && is_nerfies_scene(path);
     case SceneFormat::kColmap:
       return folder && !find_colmap_models(path).empty();
     case SceneFormat::kTransforms:
-      return folder ? path_exists(path / "transforms.json") || is_phone_scan(path)
+      return folder ? path_exists(path / "transforms.json") ||
+                          (is_phone_scan(path) && !is_nerfies_scene(path))
                     : path.extension() == ".json";
     case SceneFormat::kLlff:
       return folder && path_exists(path / "poses_bounds.npy");
+    case SceneFormat::kNonrigid:
+      return folder && path_exists(path / "precomputed.json");
     case SceneFormat::kPhotos:
       return folder && holds_images(photo_folder(path));
     case SceneFormat::kVideo:
@@ -120,12 +127,16 @@ const char* what_is_wanted(SceneFormat format) {
   switch (format) {
     case SceneFormat::kBlender:
       return "transforms_train.json";
+    case SceneFormat::kNerfies:
+      return "capture in Nerfies' layout (camera/, rgb/, scene.json, dataset.json)";
     case SceneFormat::kColmap:
       return "COLMAP model (sparse/0, sparse or colmap/sparse/0)";
     case SceneFormat::kTransforms:
       return "transforms.json";
     case SceneFormat::kLlff:
       return "poses_bounds.npy";
+    case SceneFormat::kNonrigid:
+      return "precomputed.json";
     case SceneFormat::kPhotos:
       return "folder of photos (images/ or the folder itself)";
     case SceneFormat::kVideo:
@@ -169,6 +180,19 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
   return input;
 }
 
+// Times by the film's clock, where it was looked at.
+void give_film_times(const fs::path& file, const fs::path& video, SceneInput& input) {
+  if (!is_file(file)) return;  // frames of an earlier version
+  const nlohmann::json times = read_lenient_json(file);
+  for (View& view : input.views) {
+    const auto it = times.find(fs::path(view.name).filename().string());
+    if (it == times.end() || !it->is_number()) return;
+    view.time = it->get<double>();
+  }
+  input.times =
+      SceneInput::Times{.source = video.filename().string(), .seconds = true, .on_request = true};
+}
+
 }  // namespace
 
 fs::path unwrapped(const fs::path& path, const fs::path& own) {
@@ -193,7 +217,7 @@ SceneFormat detect_format(const fs::path& path) {
     const bool empty = fs::is_empty(path, problem);
     throw Error(empty ? "the folder is empty" : "there is no scene in this folder", path.string(),
                 "wanted: transforms_train.json, a COLMAP model in sparse/, transforms.json, "
-                "poses_bounds.npy, photos or a video");
+                "poses_bounds.npy, Nerfies' camera/ and rgb/, precomputed.json, photos or a video");
   }
   throw Error(path_exists(path) ? "the file is neither a transforms .json nor a video"
                                 : "there is no such file or folder",
@@ -223,6 +247,8 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
   switch (format) {
     case SceneFormat::kBlender:
       return read_blender_scene(folder ? path : path.parent_path());
+    case SceneFormat::kNerfies:
+      return read_nerfies_scene(path);
     case SceneFormat::kColmap:
       return read_colmap_scene(path);
     case SceneFormat::kTransforms:
@@ -230,6 +256,8 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
       return read_transforms_scene(folder ? path / "transforms.json" : path);
     case SceneFormat::kLlff:
       return read_llff_scene(path);
+    case SceneFormat::kNonrigid:
+      return read_nonrigid_scene(path);
     case SceneFormat::kPhotos:
       return read_photos(photo_folder(path), path, run);
     case SceneFormat::kVideo: {
@@ -238,6 +266,7 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
       const fs::path frames = extract_video_frames(video, work_folder(run.options), kMaxVideoFrames,
                                                    run.progress, run.cancel);
       SceneInput input = read_photos(frames, frames.parent_path(), run);
+      give_film_times(frames.parent_path() / kFrameTimes, video, input);
       input.format = "video " + video.filename().string() + ", " + input.format;
       for (size_t i = 1; i < videos.size(); ++i)
         input.ignored.push_back(videos[i].filename().string());

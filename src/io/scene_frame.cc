@@ -346,6 +346,10 @@ void choose_frame(const SceneInput& input, Scene& scene) {
     bounded_near_far(level, scene);
     if (input.blender && !scene.options.bbox) published_near_far(scene);
   }
+  if (input.published) {
+    scene.published_near = input.published->near * to_engine.scale;
+    scene.published_far = input.published->far * to_engine.scale;
+  }
   if (scene.options.near || scene.options.far) obey_near_far(scene);
   report.up = up;
   report.near = scene.near / to_engine.scale;

@@ -23,7 +23,15 @@ struct SceneInput {
   struct Depths {
     double near, far;  // of what a view sees, input units
   };
-  std::vector<Depths> depths;          // where the files say so, of all registered views
+  std::vector<Depths> depths;       // where the files say so, of all registered views
+  std::optional<Depths> published;  // where the authors' code samples; Scene::published_near, _far
+  // Of View::time, which readers leave in the files' unit. None: the files say no times.
+  struct Times {
+    std::string source = {};  // CaptureTimes::source
+    bool seconds = false;
+    bool on_request = false;  // used where SceneOptions::times asks for it: most videos stand still
+  };
+  std::optional<Times> times;
   std::filesystem::path image_folder;  // what View::name is relative to, for masks
   std::filesystem::path listing;       // the file that names the images, for errors; may be empty
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
@@ -51,6 +59,13 @@ SceneInput read_blender_scene(const std::filesystem::path& root);
 
 // poses_bounds.npy of LLFF with images/, images_2/, images_4/ or images_8/.
 SceneInput read_llff_scene(const std::filesystem::path& root);
+
+// precomputed.json of Non-Rigid NeRF with images/.
+SceneInput read_nonrigid_scene(const std::filesystem::path& root);
+
+// Whether the folder is in Nerfies' layout, whole or with one of its files missing.
+bool is_nerfies_scene(const std::filesystem::path& root);
+SceneInput read_nerfies_scene(const std::filesystem::path& root);
 
 // Looks at every view's image (its header) and mask: leaves out views without a file, scales
 // cameras to the size of the stored image, fills in the report's counts and the memory that photos

@@ -73,6 +73,7 @@ std::string format_report(const SceneReport& r) {
               fmt::format("{} of {} images", r.masks, r.images_registered - r.images_missing));
     lines.add("", r.mask_convention);
   }
+  if (!r.times.empty()) lines.add("times", r.times);
   if (!r.cut_out.empty()) lines.add("cut out", r.cut_out);
   lines.add("memory", r.memory_limit_bytes > 0
                           ? fmt::format("about {} of {}", size_text(r.memory_estimate_bytes),

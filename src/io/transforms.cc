@@ -119,6 +119,13 @@ class TransformsReader {
   void finish(const std::string& file) {
     for (std::string& line : describe_unread(unread_, file))
       input_.ignored.push_back(std::move(line));
+    if (with_time_ > 0) {
+      input_.times = SceneInput::Times{"\"time\" of " + file};
+      if (with_time_ < input_.views.size())
+        input_.warnings.push_back(fmt::format("{} of {} frames have no \"time\" and get 0",
+                                              input_.views.size() - with_time_,
+                                              input_.views.size()));
+    }
     if (unusable_names_.empty()) return;
     if (input_.views.empty()) throw *unusable_;
     input_.warnings.push_back(
@@ -146,7 +153,7 @@ class TransformsReader {
       return;
     }
     view.pose = frame_pose(own);
-    view.time = own.number("time").value_or(0);
+    view.time = time_of(own);
     const std::string mask = own.text("mask_path");
     if (!mask.empty()) {
       const FoundImage found = find_images(root, {mask}).front();
@@ -156,6 +163,18 @@ class TransformsReader {
     view.camera = camera(frame, view);
     input_.views.push_back(std::move(view));
     input_.is_test.push_back(test);
+  }
+
+  double time_of(const FrameJson& own) {
+    const json* entry = own.find("time");
+    if (entry != nullptr && is_not_finite(*entry)) own.fail("\"time\" is not finite");
+    const auto time = own.number("time");
+    with_time_ += time.has_value();
+    // D-NeRF's files promise it (load_blender.py); elsewhere the unit is the file's.
+    if (time && input_.blender && !(*time >= 0 && *time <= 1))
+      own.fail(fmt::format("\"time\" is {:g}", *time),
+               "times of transforms_train.json run from 0 to 1: divide by the last one");
+    return time.value_or(0);
   }
 
   int camera(const FrameJson& frame, const View& view) {
@@ -190,7 +209,7 @@ class TransformsReader {
   std::set<std::string> names_, warnings_, unread_;
   std::vector<std::string> unusable_names_;
   std::optional<NotFinite> unusable_;  // the first
-  size_t listed_ = 0;
+  size_t listed_ = 0, with_time_ = 0;
   bool nerfstudio_ = false, instant_ngp_ = false;
 };
 
@@ -200,15 +219,6 @@ void finish(SceneInput& input, const fs::path& root) {
   input.image_folder = first.has_parent_path() ? root / *first.begin() : root;
   input.mask_folders = {root / "masks"};
   input.images_total = static_cast<int>(input.views.size());
-
-  const auto [lo, hi] =
-      std::minmax_element(input.views.begin(), input.views.end(),
-                          [](const View& a, const View& b) { return a.time < b.time; });
-  const double start = lo->time, end = hi->time;
-  if (start >= 0 && end <= 1) return;
-  for (View& view : input.views) view.time = end > start ? (view.time - start) / (end - start) : 0;
-  input.warnings.push_back(
-      fmt::format("times from {:g} to {:g} were brought to the range 0 to 1", start, end));
 }
 
 void require_frames(const SceneInput& input, const fs::path& file) {

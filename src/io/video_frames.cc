@@ -2,6 +2,9 @@
 // grey copy that never touches the disk, the second stores the chosen ones.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <charconv>
+
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/process.h"
@@ -66,6 +69,38 @@ std::string transfer_of(const fs::path& video, const Cancel* cancel) {
                "stream=color_transfer", "-of", "default=nw=1:nk=1", video.string()},
               options);
   return transfer;
+}
+
+// When each frame is shown, seconds from the first; empty where ffprobe is missing or says other
+// frames than `frames`.
+std::vector<double> frame_times(const fs::path& video, size_t frames, const Cancel* cancel) {
+  std::vector<double> times;
+  if (!find_program("ffprobe")) return times;
+  ProcessOptions options;
+  options.cancel = cancel;
+  options.on_line = [&](std::string_view line) {
+    double time = 0;
+    if (std::from_chars(line.data(), line.data() + line.size(), time).ec == std::errc())
+      times.push_back(time);
+  };
+  run_process({"ffprobe", "-v", "error", "-select_streams", "V:0", "-show_entries",
+               "packet=pts_time", "-of", "csv=p=0", video.string()},
+              options);
+  if (times.size() != frames || times.empty()) return {};
+  std::ranges::sort(times);  // packets come in the order of decoding
+  const double first = times.front();
+  for (double& time : times) time -= first;
+  return times;
+}
+
+// {"frame_000001.jpg": seconds, ...} of the stored frames.
+void store_times(const fs::path& file, const std::vector<int>& chosen,
+                 const std::vector<double>& times) {
+  std::string text;
+  for (size_t i = 0; i < chosen.size() && !times.empty(); ++i)
+    text += fmt::format("{}\n\"frame_{:06}.jpg\": {:.6f}", i == 0 ? "" : ",", i + 1,
+                        times[static_cast<size_t>(chosen[i])]);
+  write_file_atomically(file, "{" + text + "\n}\n");
 }
 
 bool has_filter(const std::string& ffmpeg, const std::string& name) {
@@ -153,9 +188,11 @@ fs::path extract_video_frames(const fs::path& video, const fs::path& work_folder
   // Absolute: ffmpeg would take "a:b.mp4" for a protocol and "-v.mp4" for an option.
   const fs::path source = fs::absolute(video);
   const internal::GreyStream stream = score_frames(ffmpeg, source, progress, cancel);
-  store_frames(ffmpeg, source,
-               internal::sharpest_of_windows(stream.scores(), stream.motions(), max_frames),
-               fs::absolute(staged.path()), progress, cancel);
+  const std::vector<int> chosen =
+      internal::sharpest_of_windows(stream.scores(), stream.motions(), max_frames);
+  store_frames(ffmpeg, source, chosen, fs::absolute(staged.path()), progress, cancel);
+  store_times(work_folder / kFrameTimes, chosen,
+              frame_times(source, stream.scores().size(), cancel));
   staged.commit(key);
   return result;
 }

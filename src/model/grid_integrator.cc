@@ -178,7 +178,8 @@ void GridIntegrator::composite(int part) {
   Real* const sums = geometry_sums_.data() + w * features;
   const int begin = ray_begin_[static_cast<size_t>(part)];
   const int end = ray_begin_[static_cast<size_t>(part) + 1];
-  const Real* const t = t_.data() + part_first_[part] - begin;
+  const size_t first = part_first_[part] - static_cast<size_t>(begin);  // of sample 0 of the chunk
+  const Real* const t = t_.data() + first;
   // In registers: a store to the sums might change what lies in memory.
   double transmittance = way.transmittance;
   Real unshaded = way.unshaded, shared = way.shared;
@@ -211,12 +212,14 @@ void GridIntegrator::composite(int part) {
     const double before = transmittance;
     transmittance *= 1 - alpha;
     if (way.median < 0 && transmittance <= 0.5)
-      way.median = stopped_at(t[i], delta_row_[i], before, transmittance, 0.5);
+      way.median = stopped_at(way, first + static_cast<size_t>(i), before, transmittance, 0.5);
     if (has_percentiles_) {
       if (way.near < 0 && transmittance <= 1 - kNearShare)
-        way.near = stopped_at(t[i], delta_row_[i], before, transmittance, 1 - kNearShare);
+        way.near =
+            stopped_at(way, first + static_cast<size_t>(i), before, transmittance, 1 - kNearShare);
       if (way.far < 0 && transmittance <= 1 - kFarShare)
-        way.far = stopped_at(t[i], delta_row_[i], before, transmittance, 1 - kFarShare);
+        way.far =
+            stopped_at(way, first + static_cast<size_t>(i), before, transmittance, 1 - kFarShare);
     }
     // Whatever of the ray was asked for with the others': a pixel is that of its ray alone.
     if (transmittance < options_.stop_transmittance) break;
@@ -229,11 +232,17 @@ void GridIntegrator::composite(int part) {
   close(way);
 }
 
-Real GridIntegrator::stopped_at(Real t, Real delta, double before, double after,
+Real GridIntegrator::stopped_at(const Way& way, size_t sample, double before, double after,
                                 double left) const {
+  const Real t = t_[sample];
   if (!sink_.between_samples) return t;
+  // Its interval, as far as it does not reach beyond the middles between samples.
+  const Real half = 0.5_r * delta_[sample];
+  Real begin = t - half, end = t + half;
+  if (sample > way.begin) begin = std::max(begin, 0.5_r * (t_[sample - 1] + t));
+  if (sample + 1 < way.end) end = std::min(end, 0.5_r * (t + t_[sample + 1]));
   const double share = std::log(left / before) / std::log(after / before);
-  return std::isfinite(share) ? t + (static_cast<Real>(share) - 0.5_r) * delta : t;
+  return begin + static_cast<Real>(std::isfinite(share) ? share : 0.0) * (end - begin);
 }
 
 bool GridIntegrator::is_apart(const Way& way, Real t, Real delta, Real weight) {

@@ -63,7 +63,7 @@ class GridIntegrator {
   void shade();
   void close(Way& way);
   // Distance from the entry at which `left` of the light is left, in a sample that leaves `after`.
-  Real stopped_at(Real t, Real delta, double before, double after, double left) const;
+  Real stopped_at(const Way& way, size_t sample, double before, double after, double left) const;
   // Deep only: whether a sample does not belong to a stretch that is open; the begin of one, and
   // the end.
   static bool is_apart(const Way& way, Real t, Real delta, Real weight);

@@ -1,5 +1,8 @@
 #include "model/model_info_json.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "nerf/math/camera_paths.h"
 
 namespace nerf::internal {
@@ -8,6 +11,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int64_t kLargestSide = 1 << 20;  // pixels
+constexpr double kMostIds = 1 << 24;
 
 }  // namespace
 
@@ -65,24 +69,30 @@ Camera camera_from(const JsonFields& f) {
 
 Json model_info_to_json(const ModelInfo& info) {
   Json views = Json::array();
-  for (const ModelView& v : info.views)
+  for (const ModelView& v : info.views) {
     views.push_back({{"name", v.name},
                      {"held_out", v.held_out},
                      {"time", v.time},
                      {"camera", camera_to_json(v.camera)},
                      {"rotation", rotation_to_json(v.pose.rotation)},
                      {"centre", vector_to_json(v.pose.translation)}});
-  return {{"method", info.method},
-          {"unbounded", info.unbounded},
-          {"alpha", info.alpha},
-          {"background", {info.background.x, info.background.y, info.background.z}},
-          {"near", info.near},
-          {"far", info.far},
-          {"to_engine",
-           {{"scale", info.to_engine.scale},
-            {"rotation", rotation_to_json(info.to_engine.rotation)},
-            {"centre", vector_to_json(info.to_engine.center)}}},
-          {"views", views}};
+    if (v.ids != ViewIds{}) views.back()["ids"] = {v.ids.moment, v.ids.appearance, v.ids.camera};
+  }
+  Json json = {{"method", info.method},
+               {"unbounded", info.unbounded},
+               {"alpha", info.alpha},
+               {"background", {info.background.x, info.background.y, info.background.z}},
+               {"near", info.near},
+               {"far", info.far},
+               {"to_engine",
+                {{"scale", info.to_engine.scale},
+                 {"rotation", rotation_to_json(info.to_engine.rotation)},
+                 {"centre", vector_to_json(info.to_engine.center)}}},
+               {"views", views}};
+  if (const CaptureTimes& t = info.times; !t.source.empty())
+    json["times"] = {
+        {"first", t.first}, {"last", t.last}, {"seconds", t.seconds}, {"source", t.source}};
+  return json;
 }
 
 ModelInfo model_info_from_json(const JsonFields& header) {
@@ -105,11 +115,23 @@ ModelInfo model_info_from_json(const JsonFields& header) {
   if (!(info.to_engine.scale > 0)) frame.fail("must be above 0", "scale");
   info.to_engine.rotation = rotation_from(frame, "rotation");
   info.to_engine.center = vector_from(frame, "centre");
+  if (header.has("times")) {  // of captures that move
+    const JsonFields t = header.object("times");
+    info.times = {t.number("first"), t.number("last"), t.boolean("seconds"), t.text("source")};
+    if (!(info.times.first <= info.times.last)) t.fail("ends before it begins", "last");
+  }
   for (const JsonFields& v : header.objects("views")) {
     ModelView view;
     view.name = v.text("name");
     view.held_out = v.boolean("held_out");
     view.time = v.number("time");
+    if (v.has("ids")) {
+      const auto ids = v.numbers("ids", 3);
+      for (const double id : ids)
+        if (!(id >= -1 && id < kMostIds && id == std::floor(id)))
+          v.fail("expected whole numbers from -1 on", "ids");
+      view.ids = {static_cast<int>(ids[0]), static_cast<int>(ids[1]), static_cast<int>(ids[2])};
+    }
     view.camera = camera_from(v.object("camera"));
     view.pose.rotation = rotation_from(v, "rotation");
     view.pose.translation = vector_from(v, "centre");
@@ -119,3 +141,12 @@ ModelInfo model_info_from_json(const JsonFields& header) {
 }
 
 }  // namespace nerf::internal
+
+namespace nerf {
+
+bool has_times(const ModelInfo& info) {
+  return std::ranges::any_of(info.views,
+                             [&](const ModelView& v) { return v.time != info.views.front().time; });
+}
+
+}  // namespace nerf

@@ -22,6 +22,8 @@ const Field& RadianceField::field() const {
   return *network_;
 }
 
+bool RadianceField::moves() const { return field().moves(); }
+
 RadianceField RadianceField::without_empty_cells() const {
   RadianceField all = *this;
   all.baked_.reset();

@@ -8,8 +8,7 @@
 namespace nerf {
 
 namespace {
-constexpr Real kUnknown = 0.02_r;  // before anything was seen: occupied, and everywhere alike
-constexpr Real kSolid = 0.1_r;     // opacity from which a cell keeps its neighbours switched on
+constexpr Real kUnknown = 0.02_r;       // before anything was seen: occupied, and everywhere alike
 constexpr Real kMostOpaque = 0.9999_r;  // keeps the thickness of a cell finite
 
 // Bits of a brick's cells: x in bits 0-1 of the index, y in 2-3, z in 4-5.

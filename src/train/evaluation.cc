@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <map>
 #include <set>
 
@@ -75,6 +76,16 @@ double mean(const std::vector<ViewScore>& views, std::optional<double> ViewScore
   return count > 0 ? sum / count : 0;
 }
 
+template <class Score>
+Score mean_score(const std::vector<ViewScore>& of) {
+  Score s;
+  s.psnr = mean(of, &ViewScore::psnr);
+  s.ssim = mean(of, &ViewScore::ssim);
+  s.counted = static_cast<int>(
+      std::ranges::count_if(of, [](const ViewScore& v) { return v.psnr.has_value(); }));
+  return s;
+}
+
 // The lens that the model has for a photo; the photo's own where it has none.
 const Camera& camera_of(const ModelInfo& info, const std::string& name, const Camera& own) {
   for (const ModelView& view : info.views)
@@ -139,6 +150,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   result.halves = options.fit_light == FitLight::kOn ||
                   (options.fit_light == FitLight::kAuto && !model.field().codes().empty());
   std::set<std::string> used;
+  const std::vector<HeldOut> kinds = held_out_kinds(scene);
   for (size_t i = 0; i < views.size(); ++i) {
     const size_t v = static_cast<size_t>(views[i]);
     const Photo& photo = photos.photos[v];
@@ -161,7 +173,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
                     ssim(truth, rendering, pool, mask),
                     scene.views[v].scale,
                     {},
-                    {}};
+                    {},
+                    kinds[v]};
     if (options.align) {
       const CameraFit fit =
           fit_camera(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);
@@ -175,15 +188,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
       write_image(options.pictures / picture_file(scene.views[v].name, used),
                   side_by_side(truth, mask, rendering, frame));
   }
-  const auto score = [](const std::vector<ViewScore>& of) {
-    ScaleScore s;
-    s.psnr = mean(of, &ViewScore::psnr);
-    s.ssim = mean(of, &ViewScore::ssim);
-    s.counted = static_cast<int>(
-        std::ranges::count_if(of, [](const ViewScore& v) { return v.psnr.has_value(); }));
-    return s;
-  };
-  const ScaleScore all = score(result.views);
+  const ScaleScore all = mean_score<ScaleScore>(result.views);
   result.psnr = all.psnr;
   result.ssim = all.ssim;
   result.counted = all.counted;
@@ -193,8 +198,16 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   std::map<int, std::vector<ViewScore>> by_scale;
   for (const ViewScore& s : result.views) by_scale[s.scale].push_back(s);
   for (const auto& [scale, of] : by_scale) {
-    result.scales.push_back(score(of));
+    result.scales.push_back(mean_score<ScaleScore>(of));
     result.scales.back().scale = scale;
+  }
+  for (const HeldOut kind : {HeldOut::kSpace, HeldOut::kTime}) {
+    std::vector<ViewScore> of;
+    std::ranges::copy_if(result.views, std::back_inserter(of),
+                         [&](const ViewScore& v) { return v.held_out == kind; });
+    if (of.empty()) continue;
+    result.held_out.push_back(mean_score<HeldOutScore>(of));
+    result.held_out.back().held_out = kind;
   }
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return result;

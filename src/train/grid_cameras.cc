@@ -14,17 +14,13 @@ namespace nerf {
 // (Lin et al. 2021).
 int64_t GridTrainer::open_levels() const {
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
-  const CameraRecipe& of_cameras = options.grid_recipe.cameras;
-  const MotionRecipe& of_motion = options.grid_recipe.motion;
-  const auto open = [&](int first_levels, double levels_open) {
-    const int64_t first = std::min<int64_t>(first_levels, levels);
-    const double progress = progress_at(done);
-    if (progress >= levels_open) return levels;
-    return first +
-           static_cast<int64_t>(static_cast<double>(levels - first) * progress / levels_open);
-  };
-  return std::min(cameras ? open(of_cameras.first_levels, of_cameras.levels_open) : levels,
-                  moving ? open(of_motion.first_levels, of_motion.levels_open) : levels);
+  if (!cameras) return levels;
+  const CameraRecipe& r = options.grid_recipe.cameras;
+  const int64_t first = std::min<int64_t>(r.first_levels, levels);
+  const double progress = progress_at(done);
+  if (progress >= r.levels_open) return levels;
+  return first +
+         static_cast<int64_t>(static_cast<double>(levels - first) * progress / r.levels_open);
 }
 
 double GridTrainer::camera_rate() const {

@@ -43,6 +43,11 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
     poses.add(view.pose.translation);
     times.add(view.time);
     timed |= view.time != 0;
+    if (view.ids != ViewIds{}) {
+      for (const int id : {view.ids.moment, view.ids.appearance, view.ids.camera})
+        times.add(static_cast<uint64_t>(id));
+      timed = true;
+    }
     const Photo& photo = photos.photos[i];
     for (const int x : {photo.width, photo.height, photo.channels})
       sizes.add(static_cast<uint64_t>(x));

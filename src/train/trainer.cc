@@ -117,12 +117,14 @@ RadianceField Trainer::snapshot() const {
   if (info.alpha) info.background = background_of(impl_->options, impl_->scene);
   info.near = impl_->scene.near;
   info.far = impl_->scene.far;
+  info.times = impl_->scene.times;
   std::vector<bool> held_out(impl_->scene.views.size(), false);
   for (int v : impl_->scene.test) held_out[static_cast<size_t>(v)] = true;
   for (size_t v = 0; v < impl_->scene.views.size(); ++v) {
     const View& view = impl_->scene.views[v];
     if (view.scale > 1) continue;  // the same camera again
-    info.views.push_back({view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time});
+    info.views.push_back(
+        {view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time, view.ids});
     if (const CameraRefinement* const refined = impl_->refined_cameras()) {
       info.views.back().camera = refined->camera(v);
       info.views.back().pose = refined->pose(v);

@@ -2,6 +2,7 @@
 // leave little to go by.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "nerf/base/error.h"
@@ -77,6 +78,24 @@ TEST(CameraPath, TimesRunAlongWhereViewsHaveThem) {
     EXPECT_GT(stood.frames[i].time, stood.frames[i - 1].time);
     EXPECT_LT(stood.frames[i].time - stood.frames[i - 1].time, 1.3 * 0.2 * 3 / 49);
   }
+}
+
+TEST(CameraPath, ARigInMotionIsSeenByOneOfItsCameras) {
+  ModelInfo info = ring(6);
+  for (int i = 0; i < 6; ++i) {
+    info.views[i].ids = {i / 2, -1, i % 2};
+    info.views[i].time = (i / 2) / 2.0;
+    info.views[i].held_out = i == 2;
+  }
+  info.views[3].ids.camera = 0;
+  const CameraPath path = make_camera_path(info, PathKind::kInterpolate, {41, 30});
+  const auto passes = [&](int view) {
+    return std::ranges::any_of(path.frames, [&](const PathFrame& frame) {
+      return length(frame.camera_to_world.translation - info.views[view].pose.translation) < 0.5;
+    });
+  };
+  for (const int own : {0, 2, 3, 4}) EXPECT_TRUE(passes(own)) << own;
+  for (const int other : {1, 5}) EXPECT_FALSE(passes(other)) << other;
 }
 
 TEST(CameraPath, ViewsComeWithTheirOwnNamesAndCameras) {

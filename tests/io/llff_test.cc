@@ -1,10 +1,12 @@
-// poses_bounds.npy, written here as numpy.save writes it.
+// poses_bounds.npy; precomputed.json of Non-Rigid NeRF, whose rows are the same turned.
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <nlohmann/json.hpp>
 
 #include "io/npy.h"
 #include "io/scene_input.h"
+#include "npy_files.h"
 #include "support/temp_folder.h"
 #include "test_scenes.h"
 
@@ -15,26 +17,6 @@ using namespace nerf::test;
 
 constexpr int kViews = 6;
 constexpr int kPictureWidth = 40, kPictureHeight = 30;  // of write_picture()
-
-std::vector<char> npy_bytes(const std::string& type, const std::string& shape,
-                            const std::vector<double>& values, const char* order = "False") {
-  std::string header =
-      fmt::format("{{'descr': '{}', 'fortran_order': {}, 'shape': {}, }}", type, order, shape);
-  header.resize((header.size() + 10 + 1 + 63) / 64 * 64 - 11, ' ');
-  header += '\n';
-  ByteWriter out;
-  for (const char c : std::string("\x93NUMPY\x01")) out.put(c);
-  out.put(uint8_t{0});
-  out.put(static_cast<uint16_t>(header.size()));
-  for (const char c : header) out.put(c);
-  for (const double v : values) {
-    if (type == "<f4")
-      out.put(static_cast<float>(v));
-    else
-      out.put(v);
-  }
-  return out.bytes();
-}
 
 // Rows of LLFF: columns down, right, backwards, position, (height, width, focal length).
 std::vector<double> rows(int views = kViews) {
@@ -125,6 +107,74 @@ TEST_F(Llff, MistakesAreNamed) {
 TEST_F(Llff, NoImages) {
   write(rows());
   EXPECT_TRUE(contains(error(), "there are no images"));
+}
+
+class Nonrigid : public ::testing::Test {
+ protected:
+  using json = nlohmann::json;
+  Nonrigid() {
+    for (int i = 0; i < kViews; ++i) {
+      write_picture(folder_ / "images" / fmt::format("image{:03}.png", i));
+      const Pose p = ring_pose(i, kViews);
+      json rows = json::array();
+      for (size_t r = 0; r < 3; ++r)
+        rows.push_back({p.rotation.m[r][0], -p.rotation.m[r][1], -p.rotation.m[r][2],
+                        p.translation[static_cast<int>(r)],
+                        r == 0   ? 1.0 * kPictureHeight
+                        : r == 1 ? 1.0 * kPictureWidth
+                                 : 42.5});
+      root_["poses"].push_back(rows);
+      root_["bds"].push_back({1.5 + 0.1 * i, 9});
+    }
+  }
+  std::string error_of(const json& root) {
+    write_text(folder_ / "precomputed.json", root.dump());
+    return test::error_of([&] { read_nonrigid_scene(folder_.path()); });
+  }
+  TempFolder folder_;
+  json root_;
+};
+
+TEST_F(Nonrigid, LoadsAsASceneInTime) {
+  root_["i_test"] = 3;
+  ASSERT_EQ(error_of(root_), "");
+  const Scene scene = load_scene(folder_.path());
+  EXPECT_EQ(scene.options.format, SceneFormat::kNonrigid);
+  ASSERT_EQ(scene.views.size(), static_cast<size_t>(kViews));
+  for (int i = 0; i < kViews; ++i) {
+    const View& view = scene.views[static_cast<size_t>(i)];
+    const Pose expected = ring_pose(i, kViews);
+    EXPECT_LT(length(view.pose.translation - expected.translation), 1e-12);
+    for (int c = 0; c < 3; ++c)
+      EXPECT_LT(length(view.pose.rotation.column(c) - expected.rotation.column(c)), 1e-12);
+    EXPECT_DOUBLE_EQ(view.time, i / (kViews - 1.0));
+    EXPECT_EQ(view.ids.moment, i);
+    EXPECT_EQ(scene.cameras[static_cast<size_t>(view.camera)].fx(), 42.5);
+  }
+  EXPECT_NEAR(scene.report.near, 0.9 * 1.5, 1e-6);
+  EXPECT_EQ(scene.times.last, kViews - 1);
+  EXPECT_TRUE(any_contains(scene.report.ignored, "\"i_test\" of precomputed.json"));
+}
+
+TEST_F(Nonrigid, MistakesAreNamed) {
+  json root = root_;
+  root["bds"].erase(5);
+  EXPECT_TRUE(contains(error_of(root), "precomputed.json: has 6 \"poses\" and 5 \"bds\""));
+  root = root_;
+  root["poses"][2][1][4] = nullptr;
+  EXPECT_TRUE(contains(error_of(root), "precomputed.json, poses[2]: holds what is not a number"));
+  root = root_;
+  root["poses"][2][0].erase(4);
+  EXPECT_TRUE(contains(error_of(root), "poses[2]: is not 3 rows of 5 numbers"));
+  root = root_;
+  root["poses"][4][0][0] = 3;
+  EXPECT_TRUE(contains(error_of(root), "poses[4]: does not hold a rotation"));
+  root = root_;
+  root["bds"][3] = {2, 1};
+  EXPECT_TRUE(contains(error_of(root), "has the depths 2 to 1"));
+  root.erase("bds");
+  EXPECT_TRUE(contains(error_of(root), "there is no list \"bds\""));
+  EXPECT_TRUE(contains(error_of(json::array()), "does not hold an object"));
 }
 
 TEST_F(Llff, NpyMistakes) {

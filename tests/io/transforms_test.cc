@@ -189,11 +189,29 @@ TEST_F(Transforms, MasksTimesAndRepeatedFrames) {
   const SceneInput input = read(root);
   EXPECT_EQ(input.views.size(), 4u);
   EXPECT_EQ(input.views[1].mask_path, folder_ / "masks/one.png");
-  EXPECT_EQ(input.views[2].time, 1);
-  EXPECT_EQ(input.views[3].time, 0.5);
+  EXPECT_EQ(input.views[2].time, 30);
+  EXPECT_EQ(input.views[3].time, 15);
   EXPECT_EQ(input.warnings.size(), 2u);
   EXPECT_TRUE(contains(input.warnings[0], "images/0.png is listed again by"));
-  EXPECT_TRUE(contains(input.warnings[1], "times from 0 to 30"));
+  EXPECT_TRUE(contains(input.warnings[1], "2 of 4 frames have no \"time\" and get 0"));
+  for (int i = 0; i < 4; ++i) write_picture(folder_ / fmt::format("images/{}.png", i));
+  const Scene scene = load_scene(folder_.path());
+  EXPECT_EQ(scene.views[2].time, 1);
+  EXPECT_EQ(scene.times.last, 30);
+}
+
+TEST_F(Transforms, TimesThatAreNone) {
+  json root = transforms();
+  root["frames"][2]["time"] = "noon";
+  EXPECT_TRUE(contains(error(root), "frames[2]: \"time\" is not a number"));
+  root["frames"][2]["time"] = "NaN";  // as read_lenient_json() hands NaN on
+  EXPECT_TRUE(contains(error(root), "frames[2]: \"time\" is not finite"));
+  // Blender's files promise times from 0 to 1.
+  root["frames"][2]["time"] = 1.5;
+  EXPECT_EQ(error(root), "");
+  write_text(folder_ / "transforms_train.json", root.dump());
+  EXPECT_TRUE(contains(error_of([&] { read_blender_scene(folder_.path()); }),
+                       "transforms_train.json, frames[2]: \"time\" is 1.5"));
 }
 
 TEST_F(Transforms, ScaledRotationsAreTakenShearedOnesNot) {

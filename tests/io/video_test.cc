@@ -1,10 +1,13 @@
 // Films out and in, with the installed ffmpeg.
 #include "nerf/io/video.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "nerf/base/file.h"
 #include "nerf/base/process.h"
@@ -184,7 +187,7 @@ TEST_F(Video, TonesOfHdrAreMapped) {
   EXPECT_LT(image.pixels[0], 240);
 }
 
-// The frames' times are no matter.
+// The frames' times are no matter for which are taken; what they are stands beside them.
 TEST_F(Video, EveryFrameOfAVariableRateCounts) {
   frames(12);
   const fs::path film = folder_ / "variable.webm";
@@ -193,6 +196,11 @@ TEST_F(Video, EveryFrameOfAVariableRateCounts) {
                         film.string()});
   const fs::path out = extract_video_frames(film, folder_ / "work", 100, {});
   EXPECT_EQ(std::distance(fs::directory_iterator(out), fs::directory_iterator()), 12);
+  const auto times = nlohmann::json::parse(test::read_text(folder_ / "work" / kFrameTimes));
+  ASSERT_EQ(times.size(), 12u);
+  for (int i = 0; i < 12; ++i)
+    EXPECT_NEAR(times.at(fmt::format("frame_{:06}.jpg", i + 1)).get<double>(),
+                (i < 6 ? i : 5 * i) / 25.0, 1e-3);
 }
 
 TEST_F(Video, FilesOf360CamerasAreRefusedClearly) {

@@ -27,6 +27,7 @@ RadianceField surface_field(const Similarity& to_engine, const Distance& distanc
   options.finest_resolution = 96;
   options.hidden = 16;
   options.table_bits = 32;
+  options.occupancy_side = 128;
   auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1);
   const HashGridLevel& level = grid->shape.levels[0];
   const uint32_t n = level.resolution;

@@ -41,7 +41,10 @@ std::unique_ptr<Field> some_grid(bool unbounded, int table_bits, const MotionSha
 // Moves by a tenth or so.
 MotionShape some_motion(WarpKind kind) {
   MotionShape motion;
-  motion.warp = {.kind = kind, .position_degrees = 2, .depth = 2, .width = 16, .last_bound = 0.1_r};
+  motion.warp.kind = kind;
+  motion.warp.position_degrees = motion.warp.depth = 2;
+  motion.warp.width = 16;
+  motion.warp.last_bound = 0.1_r;
   motion.ambient = 1;
   motion.time_code = 4;
   motion.time_degrees = 2;
@@ -206,6 +209,9 @@ TEST(FieldQuery, ATranslationLeadsToThePlaceOfAStillField) {
 
 TEST(FieldQuery, AMovingFieldDependsOnTime) {
   const auto field = some_grid(true, 16, some_motion(WarpKind::kSe3));
+  EXPECT_TRUE(field->moves());
+  EXPECT_FALSE(some_grid(true, 16)->moves());
+  EXPECT_FALSE(some_network(Space::kIdentity, Encoding::kFrequency)->moves());
   const auto at = some_points(8, 0.9, 11);
   std::vector<Real> early(8), late(8);
   const auto query = field->query(nullptr);

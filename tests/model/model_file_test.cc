@@ -28,6 +28,7 @@ ModelInfo sample_info() {
   info.background = {0, 0.25_r, 1};
   info.near = 0.01;
   info.far = 7.5;
+  info.times = {-2.5, 0.1 + 0.2, true, "a film"};
   for (int i = 0; i < 2; ++i) {
     ModelView view;
     view.name = i ? "b/\xc3\xa4 2.png" : "a.png";
@@ -38,6 +39,7 @@ ModelInfo sample_info() {
     view.pose.translation = {0.1 * i, 2, -3};
     view.held_out = i == 1;
     view.time = i / 3.0;
+    if (i == 1) view.ids = {7, -1, 2};
     info.views.push_back(view);
   }
   return info;
@@ -114,6 +116,10 @@ TEST(ModelFile, KeepsEverything) {
     EXPECT_EQ(a.to_engine.scale, b.to_engine.scale);
     EXPECT_EQ(a.to_engine.center, b.to_engine.center);
     EXPECT_EQ(a.to_engine.rotation.m, b.to_engine.rotation.m);
+    EXPECT_EQ(a.times.first, b.times.first);
+    EXPECT_EQ(a.times.last, b.times.last);
+    EXPECT_EQ(a.times.seconds, b.times.seconds);
+    EXPECT_EQ(a.times.source, b.times.source);
     ASSERT_EQ(a.views.size(), b.views.size());
     for (size_t i = 0; i < a.views.size(); ++i) {
       EXPECT_EQ(a.views[i].name, b.views[i].name);
@@ -125,6 +131,7 @@ TEST(ModelFile, KeepsEverything) {
       EXPECT_EQ(a.views[i].pose.translation, b.views[i].pose.translation);
       EXPECT_EQ(a.views[i].held_out, b.views[i].held_out);
       EXPECT_EQ(a.views[i].time, b.views[i].time);
+      EXPECT_EQ(a.views[i].ids, b.views[i].ids);
     }
     const GridField &f = saved.grid(), &g = loaded.grid();
     GridOptions options = f.options;

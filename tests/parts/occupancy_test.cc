@@ -299,5 +299,26 @@ TEST(Occupancy, LevelsAndStateRoundTrip) {
   EXPECT_THROW(from_levels.set_levels(grid.levels().first(100)), std::logic_error);
 }
 
+// Matter of one moment in twenty keeps a cell in use; what thins out soon does not.
+TEST(Occupancy, RemembersTheMomentsOfAScene) {
+  OccupancyGrid mean(1, 16), most(1, 16);
+  most.remember_moments();
+  for (OccupancyGrid* grid : {&mean, &most}) {
+    for (int64_t cell = 0; cell < grid->cells(); ++cell)
+      for (int i = 0; i < 8; ++i) grid->observe(0, cell, 0.0_r);
+    grid->observe(0, 5, 0.8_r);
+    for (int i = 0; i < 60; ++i) grid->observe(0, 5, 0.0_r);
+    grid->rebuild(0.01_r);
+  }
+  EXPECT_EQ(mean.thickness(0, 5), 0);
+  EXPECT_GT(most.thickness(0, 5), 0);
+  EXPECT_EQ(most.thickness(0, 40), 0);
+  // What rays see of a cell is its mean.
+  EXPECT_EQ(mean.opacity(0, 5), most.opacity(0, 5));
+  for (int i = 0; i < 100; ++i) most.observe(0, 5, 0.0_r);
+  most.rebuild(0.01_r);
+  EXPECT_EQ(most.thickness(0, 5), 0);
+}
+
 }  // namespace
 }  // namespace nerf

@@ -154,6 +154,28 @@ TEST_F(EvaluationTest, PicturesOfLongNamesAreShortened) {
   EXPECT_TRUE(std::filesystem::exists(folder / "eval" / (stem + "_2.png")));
 }
 
+TEST_F(EvaluationTest, SaysWhatIsNewInHeldOutViews) {
+  EXPECT_TRUE(evaluation().held_out.empty());
+  Scene& scene = trained->capture.scene;
+  const std::vector<View> good = scene.views;
+  for (size_t v = 0; v < scene.views.size(); ++v)
+    scene.views[v].time = 0.01 * static_cast<double>(v);
+  // Of the moment of another's; to rounding of files.
+  for (size_t i = 0; i < 2; ++i)
+    scene.views[static_cast<size_t>(scene.test[i])].time =
+        scene.views[static_cast<size_t>(scene.train[i])].time + 1e-9;
+  const Evaluation e = evaluation();
+  scene.views = good;
+  ASSERT_EQ(e.held_out.size(), 2u);
+  EXPECT_EQ(e.held_out[0].held_out, HeldOut::kSpace);
+  EXPECT_EQ(e.held_out[0].counted, 2);
+  EXPECT_NEAR(e.held_out[0].psnr, (*e.views[0].psnr + *e.views[1].psnr) / 2, 1e-12);
+  EXPECT_EQ(e.held_out[1].held_out, HeldOut::kTime);
+  EXPECT_EQ(e.held_out[1].counted, 4);
+  EXPECT_EQ(e.views[1].held_out, HeldOut::kSpace);
+  EXPECT_EQ(e.views[2].held_out, HeldOut::kTime);
+}
+
 TEST_F(EvaluationTest, CanBeCancelled) {
   Cancel cancel;
   double last = 0;

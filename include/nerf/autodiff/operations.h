@@ -2,6 +2,7 @@
 // the samples, the rays or the groups of a chunk.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <span>
 #include <vector>
@@ -151,6 +152,17 @@ Value uncertain_loss(Tape& tape, Value pixel, Value target, Value scale, Real le
 
 // x [1 x samples]: 3 scale factor times the mean of x over each ray's samples. Adds to Chunk::loss.
 Value mean_loss(Tape& tape, Value x, Value scale, Real factor);
+
+// How far a map is from one that only turns and moves (Park et al. 2021, section 3.3), of the
+// columns [3 x samples] of its Jacobian: with s_k its singular values
+//   scale sum over a ray's samples of weight rho(sum_k log(max(s_k, 1e-6))^2),
+//   rho(q) = penalty 2 u / (u + 4),  u = q / penalty^2   (as the authors' code has it)
+// The weights [1 x samples] get no gradient. Adds to Chunk::loss.
+Value elastic_loss(Tape& tape, const std::array<Value, 3>& columns, Value weights, Value scale,
+                   Real penalty);
+// The same penalty of |moved - point|^2, both [3 x samples]: scale times its sum over a ray's
+// samples, of points that should stay where they are (ibid., section 3.4). Adds to Chunk::loss.
+Value still_loss(Tape& tape, Value moved, Value point, Value scale, Real penalty);
 
 // Huber loss of the pixels' colour against target [3 x rays], summed over channels and rays of the
 // chunk and times `scale` (1 / (3 rays of the step)); for |r| <= delta it equals r^2. Adds to

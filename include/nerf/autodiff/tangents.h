@@ -36,6 +36,8 @@ WithTangents softplus(Tape& tape, const WithTangents& x, Real shift);
 WithTangents relu(Tape& tape, const WithTangents& x);
 WithTangents add(Tape& tape, const WithTangents& a, const WithTangents& b);
 WithTangents multiply(Tape& tape, const WithTangents& a, const WithTangents& b);
+// The same with what is the same in every direction.
+WithTangents multiply(Tape& tape, const WithTangents& a, Value constant);
 WithTangents scale_shift(Tape& tape, const WithTangents& x, Real factor, Real shift);
 WithTangents frequency_encoding(Tape& tape, const WithTangents& x, std::span<const Real> weights,
                                 bool identity);

@@ -92,7 +92,8 @@ struct PathOptions {
 // - ellipse: the same cameras get an ellipse around their own middle;
 // - spiral: of cameras that surround the scene it takes the first one as its middle, with a width
 //   of 15% of the distance to what it looks at; a single camera gets 5%;
-// - interpolate: sorts by time where views have one, else by name with numbers counted as numbers.
+// - interpolate: sorts by time where views have one, else by name with numbers counted as numbers;
+//   of a rig in motion it takes the camera with the most views.
 // time runs from 0 to 1 where the model's views have different times, and stays 0 elsewhere.
 // Throws Error where the model has no such views, and for interpolate with fewer than two different
 // poses.
@@ -126,7 +127,8 @@ CameraPath read_camera_path(const std::filesystem::path& path);
 // - a list of {"file_path", "transform": 3x4}, as nerfstudio exports its cameras: with the lens of
 //   the model's view of that name, else the photos';
 // - instant-ngp's base_cam.json: {"path": [{"R", "T", "fov"}], "loop", "duration_seconds"}, 30
-//   frames a second; "scale" and "offset" of a transforms.json beside it are obeyed.
+//   frames a second; "scale" and "offset" of a transforms.json beside it are obeyed;
+// - a folder of cameras in Nerfies' layout (camera-paths/NAME).
 // `transform` is the dataparser_transforms.json of the nerfstudio run whose normalised space the
 // path is in. Where it is empty, one beside the file is used if the path then lies nearer to the
 // model's cameras. Notes say so, and where a path lies far from them. Throws Error as above.

@@ -36,6 +36,10 @@ std::filesystem::path run_colmap_on_photos(const std::filesystem::path& images,
                                            const std::function<void(const std::string&)>& progress,
                                            const Cancel* cancel = nullptr);
 
+// Beside the folder of a video's frames: {"frame_000001.jpg": seconds from the film's first frame},
+// empty where its clock is not known.
+inline constexpr const char* kFrameTimes = "frame_times.json";
+
 // Extracts at most max_frames frames, the sharpest of each window in which the picture moves
 // equally far, upright and with the tones of photos, into a folder below work_folder, and returns
 // that folder (image files only, in order of time). Frames that an earlier call extracted from the

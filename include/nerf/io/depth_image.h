@@ -17,7 +17,7 @@ namespace nerf {
 Vec3 turbo_color(Real x);
 
 // Likewise "viridis" (S. van der Walt and N. Smith, 2015), which grows evenly brighter, to eyes
-// that see fewer colours too: dark violet over green to yellow. Within 0.005 of its table.
+// that see fewer colours too: dark violet over green to yellow. Within 0.01 of its table.
 Vec3 viridis_color(Real x);
 
 // What a picture of depth shows: the inverse of depth between both ends of a range in the colours

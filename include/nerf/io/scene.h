@@ -14,6 +14,7 @@
 #include "nerf/io/cut_out.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/capture_times.h"
 
 namespace nerf {
 
@@ -26,8 +27,9 @@ struct View {
   double depth_unit = 0;                        // input units of a 1 in the map; 0: not said
   double depth_reach = std::numeric_limits<double>::infinity();  // beyond it depth is unknown
   int camera = 0;                                                // index into Scene::cameras
-  Pose pose;            // camera-to-world, input coordinates, OpenCV axes
-  double time = 0;      // [0, 1]; 0 where the capture has no time
+  Pose pose;        // camera-to-world, input coordinates, OpenCV axes
+  double time = 0;  // [0, 1]; 0 where the capture has no time; Scene::times has its unit
+  ViewIds ids = {};
   int orientation = 1;  // EXIF's, of the pixels as the trainer reads them; 1: nothing to turn
   int scale = 1;        // the photo is reduced by this (photo_scales.h); a pixel weighs its square
 };
@@ -44,7 +46,17 @@ struct Observation {
   int32_t point;  // index into Scene::points
 };
 
-enum class SceneFormat { kAuto, kBlender, kColmap, kTransforms, kLlff, kPhotos, kVideo };
+enum class SceneFormat {
+  kAuto,
+  kBlender,
+  kNerfies,
+  kColmap,
+  kTransforms,
+  kLlff,
+  kNonrigid,
+  kPhotos,
+  kVideo
+};
 enum class Split {
   kTest,  // held-out = indices 0, 8, 16, ... of the views sorted bytewise by name, or the test file
   kDev,   // test views removed; every 8th training view is held out instead, for tuning
@@ -54,10 +66,15 @@ enum class Split {
 struct SceneOptions {
   SceneFormat format = SceneFormat::kAuto;
   Split split = Split::kTest;
-  int downscale = 1;                  // photos divided by this, area average
-  std::optional<Box3> bbox;           // input coordinates; what to reconstruct
-  std::optional<Vec3d> up;            // input coordinates; overrides the estimate
-  std::optional<double> near, far;    // input units; override the estimates
+  int downscale = 1;                // photos divided by this, area average
+  std::optional<Box3> bbox;         // input coordinates; what to reconstruct
+  std::optional<Vec3d> up;          // input coordinates; overrides the estimate
+  std::optional<double> near, far;  // input units; override the estimates
+  // Where View::time comes from in place of the capture's files: "frame", the order of names in
+  // each folder (of a video, its own clock); "name", the last number in a photo's name; else a JSON
+  // file
+  // {"photo": time}. Empty: what the files say.
+  std::string times;
   std::string camera_model = "auto";  // for photos without a model (capture_tools.h)
   CutOut cut_out;                     // of photos without alpha
   std::filesystem::path work_folder;  // where photos and video put frames and the model
@@ -83,6 +100,7 @@ struct SceneReport {
   std::string cut_out;  // what was found of a background of one colour; empty: nothing
   uint64_t memory_estimate_bytes = 0;  // of the photos; a trainer adds its own
   uint64_t memory_limit_bytes = 0;     // of this process
+  std::string times;                   // what was found of moments; empty: no times
   std::vector<std::string> notes;      // how files were understood that say it in an odd way
   std::vector<std::string> ignored;    // inputs that were found and not used
   std::vector<std::string> warnings;
@@ -97,6 +115,7 @@ struct Scene {
   std::vector<Observation> observations;  // of the points, in the views as they were read
   std::vector<int> train, test;           // indices into views
   SceneOptions options;                   // as given; `format` is the one that was found
+  CaptureTimes times;                     // of View::time
   bool alpha = false;                     // photos carry alpha (Blender): composite on a background
   std::optional<Rgb8> cut_out;            // photos get alpha where they have this background
 
@@ -104,12 +123,24 @@ struct Scene {
   // scene fits [-1, 1]^3; in an unbounded one the region between the cameras does.
   Similarity to_engine;
   bool unbounded = false;
-  double near = 0;  // engine units; no sample closer to a camera than this
-  double far = 0;   // engine units; distance of the farthest content
+  double near = 0;             // engine units; no sample closer to a camera than this
+  double far = 0;              // engine units; distance of the farthest content
+  bool states_depths = false;  // the capture's files say how near and far its content is
   // Where the papers' code takes samples in captures of this kind, engine units; 0: it has no rule.
   double published_near = 0, published_far = 0;
   SceneReport report;
 };
+
+// What a held-out view of a capture that moves asks of a field.
+enum class HeldOut {
+  kStatic,  // nothing: the capture is of one moment
+  kSpace,   // another place: training saw its moment from elsewhere
+  kTime,    // another moment, between those that training saw
+};
+
+// How each view of the scene would be held out of its training views; times that differ by less
+// than a millionth are one.
+std::vector<HeldOut> held_out_kinds(const Scene& scene);
 
 // Detects the format (in the order of SceneFormat), reads, checks and normalises. `path` is the
 // scene's folder, a transforms .json or a video file. The images of a COLMAP scene are those of
@@ -120,6 +151,9 @@ struct Scene {
 Scene load_scene(const std::filesystem::path& path, const SceneOptions& options = {},
                  const std::function<void(const std::string&)>& progress = {},
                  const Cancel* cancel = nullptr);
+
+// Throws Error where `times` is none that SceneOptions::times may be.
+void check_times_option(const std::string& times);
 
 // The report as lines for a person.
 std::string format_report(const SceneReport& report);

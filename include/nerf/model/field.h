@@ -47,6 +47,8 @@ struct Field {
   // there, and nothing elsewhere.
   virtual bool may_hold(const Vec3d& position) const = 0;
   virtual std::vector<LinearWeights> layers() const = 0;
+  // Whether what it answers depends on the time that it is asked of.
+  virtual bool moves() const { return false; }
 
   // What is learnt of each photo, and its tables' weights.
   virtual const CodeBooks& codes() const = 0;

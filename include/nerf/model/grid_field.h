@@ -119,6 +119,7 @@ struct GridField final : Field {
   std::vector<LinearWeights> layers() const override;
   std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
   bool may_hold(const Vec3d& position) const override;
+  bool moves() const override { return !motion.empty(); }
   const CodeBooks& codes() const override { return books; }
   std::span<const Real> all_weights() const override { return weights.span(); }
   // The mean over the photos.

@@ -27,7 +27,7 @@ struct DeepSample {
 
 // Successive samples of a paper method or of several rays become one DeepSample until they stop
 // this share of all light.
-inline constexpr Real kDeepWeight = 1.0_r / 32;
+inline constexpr Real kDeepWeight = 1.0_r / 16;
 
 // Joins neighbours, ordered by where they end, until each but the last stops kDeepWeight.
 void join_deep_samples(std::vector<DeepSample>& samples);

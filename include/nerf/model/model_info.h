@@ -6,6 +6,7 @@
 
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/capture_times.h"
 
 namespace nerf {
 
@@ -14,7 +15,8 @@ struct ModelView {
   Camera camera;     // at the size of the photos trained on
   Pose pose;         // camera-to-world, input coordinates, OpenCV axes
   bool held_out = false;
-  double time = 0;
+  double time = 0;  // [0, 1]; ModelInfo::times has its unit
+  ViewIds ids = {};
 };
 
 struct ModelInfo {
@@ -27,6 +29,10 @@ struct ModelInfo {
   // evaluations take mid-grey, and paper methods have black.
   Vec3 background{1, 1, 1};
   double near = 0, far = 0;  // engine units
+  CaptureTimes times;        // of the views
 };
+
+// Whether the views are of different moments.
+bool has_times(const ModelInfo& info);
 
 }  // namespace nerf

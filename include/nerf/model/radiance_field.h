@@ -39,6 +39,8 @@ class RadianceField {
   // Whether pictures show RenderOptions::background. A paper's method that learnt photos without
   // alpha learnt them before black.
   bool shows_background() const { return is_grid() || info_.alpha; }
+  // Whether pictures depend on RenderOptions::time.
+  bool moves() const;
   // A copy as if nothing were known to be empty: every cell may hold matter, and nothing is baked.
   RadianceField without_empty_cells() const;
   const Field& field() const;

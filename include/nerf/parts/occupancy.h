@@ -90,10 +90,11 @@ class OccupancyGrid {
     a += kShare * (seen - a);
     if (most_.size() == 0) return;
     Real& most = most_[cell_of_all];
-    most = std::max(seen, most * kKept);
+    most = std::max(seen, most * (most < kSolid ? kThinKept : kSolidKept));
   }
   // Of a scene that moves a cell is in use where any moment's points hold matter: beside the mean
-  // over its points and moments the most of them is remembered, which fades slowly.
+  // over its points and moments the most of them is remembered, which fades slowly where it was
+  // much.
   void remember_moments();
   // Asks for the memory that observe() will change.
   void prefetch_memory(size_t cell_of_all) const {
@@ -147,7 +148,9 @@ class OccupancyGrid {
  private:
   static constexpr Real kOff = -1;
   static constexpr Real kShare = 0.15_r;  // of a cell's memory that one point replaces
-  static constexpr Real kKept = 0.97_r;   // of what remember_moments() asks for, by each point
+  static constexpr Real kSolid = 0.1_r;   // opacity from which a cell keeps its neighbours on
+  // Of what remember_moments() asks for, by each point.
+  static constexpr Real kSolidKept = 0.97_r, kThinKept = 0.8_r;
   static constexpr int kMostCascades = 16;
   size_t index(int cascade, int64_t cell) const {
     return static_cast<size_t>(cascade) * static_cast<size_t>(cells()) + static_cast<size_t>(cell);

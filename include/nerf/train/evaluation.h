@@ -49,6 +49,7 @@ struct ViewScore {
   std::optional<double> ssim;
   int scale = 1;                                     // View::scale
   std::optional<double> aligned_psnr, aligned_ssim;  // only where cameras are aligned
+  HeldOut held_out = HeldOut::kStatic;
 };
 
 // Means over the views of one scale.
@@ -58,13 +59,21 @@ struct ScaleScore {
   int counted = 0;
 };
 
+// Means over the views that are held out alike.
+struct HeldOutScore {
+  HeldOut held_out = HeldOut::kStatic;
+  double psnr = 0, ssim = 0;
+  int counted = 0;
+};
+
 struct Evaluation {
   std::vector<ViewScore> views;
-  std::vector<ScaleScore> scales;  // of each scale that there is
-  double psnr = 0, ssim = 0;       // means over the views that have a value; 0 where none has
-  int counted = 0;                 // views with a PSNR
-  bool halves = false;             // right halves were compared, after a fit to the left ones
-  bool aligned = false;            // whether there are scores of aligned cameras
+  std::vector<ScaleScore> scales;      // of each scale that there is
+  std::vector<HeldOutScore> held_out;  // of each kind that there is; empty where nothing moves
+  double psnr = 0, ssim = 0;           // means over the views that have a value; 0 where none has
+  int counted = 0;                     // views with a PSNR
+  bool halves = false;                 // right halves were compared, after a fit to the left ones
+  bool aligned = false;                // whether there are scores of aligned cameras
   double aligned_psnr = 0, aligned_ssim = 0;
   double seconds = 0;
 };

@@ -8,6 +8,8 @@
 
 namespace nerf {
 
+struct Scene;
+
 enum class Deform { kAuto, kNone, kTranslation, kSe3 };
 inline auto option_names(Deform) {
   return std::array{OptionName{Deform::kAuto, "auto"}, OptionName{Deform::kNone, "none"},
@@ -18,10 +20,8 @@ inline auto option_names(Deform) {
 struct MotionRecipe {
   Deform deform = Deform::kAuto;
   int ambient = 0;
-  double rate = 0.05;
-  int first_levels = 4;
-  double levels_open = 0;
-  int degrees = 4, time_degrees = 6, time_code = 8, depth = 3, width = 64, point_degrees = 3;
+  double rate = 0.15;
+  int width = 128;
 
   // Of Deform::kAuto, which is resolved before, that of a scene that stands still.
   MotionShape shape() const;
@@ -39,21 +39,9 @@ struct MotionRecipe {
       at_least(0), at_most(8));
     v("motion_rate", rate, "step size of the motion's networks, as a share of the networks'",
       above(0), at_most(10));
-    v("motion_first_levels", first_levels, "levels of the table that are open at first",
-      at_least(1), at_most(16));
-    v("motion_levels_open", levels_open, "share of the training after which all levels are",
-      at_least(0), at_most(1));
-    v("motion_degrees", degrees, "frequencies of the position", at_least(0), at_most(16));
-    v("motion_time_degrees", time_degrees, "frequencies of time", at_least(0), at_most(16));
-    v("motion_time_code", time_code, "numbers of time", at_least(1), at_most(256));
-    v("motion_depth", depth, "layers", at_least(1), at_most(16));
-    v("motion_width", width, "width", at_least(1), at_most(256));
-    v("motion_point_degrees", point_degrees, "frequencies of the position in density", at_least(0),
-      at_most(16));
+    v("motion_width", width, "width of the motion's networks", at_least(8), at_most(256));
   }
 };
-
-struct Scene;
 
 // Moments of the training photos.
 int count_moments(const Scene& scene);
