@@ -87,8 +87,10 @@ Vec3d Environment::Map::at(const Vec3d& d) const {
   const double i = std::floor(x), j = std::floor(y), s = x - i, t = y - j;
   Vec3d sum;
   for (int k = 0; k < 4; ++k) {
-    const int column = (static_cast<int>(i) + (k & 1) + width) % width;
-    const int row = std::clamp(static_cast<int>(j) + (k >> 1), 0, height - 1);
+    const int below = static_cast<int>(j) + (k >> 1), row = std::clamp(below, 0, height - 1);
+    // Beyond a pole the other side begins.
+    const int across = below == row ? 0 : width / 2;
+    const int column = (static_cast<int>(i) + (k & 1) + across + width) % width;
     sum = sum + pixels[static_cast<size_t>(row * width + column)] *
                     ((k & 1 ? s : 1 - s) * (k >> 1 ? t : 1 - t));
   }
