@@ -29,78 +29,101 @@ std::array<double, 9> harmonics_at(const Vec3d& d) {
           0.546274 * (d.x * d.x - d.y * d.y)};
 }
 
-double solid_angle(int y) {
-  const double top = kPi * y / Environment::kHeight, bottom = kPi * (y + 1) / Environment::kHeight;
-  return 2 * kPi / Environment::kWidth * (std::cos(top) - std::cos(bottom));
+// Each pixel the mean of 2 x 2, by solid angle.
+Environment::Map halved(const Environment::Map& map) {
+  Environment::Map half{map.width / 2, map.height / 2, {}};
+  for (int y = 0; y < half.height; ++y)
+    for (int x = 0; x < half.width; ++x) {
+      Vec3d sum;
+      double weights = 0;
+      for (int k = 0; k < 4; ++k) {
+        const int v = 2 * y + (k >> 1);
+        const double w = map.solid_angle(v);
+        sum = sum + map.pixels[static_cast<size_t>(v * map.width + 2 * x + (k & 1))] * w;
+        weights += w;
+      }
+      half.pixels.push_back(sum / weights);
+    }
+  return half;
+}
+
+// By the cosine to a power.
+Environment::Map blurred(const Environment::Map& map, double power) {
+  Environment::Map out{map.width, map.height, {}};
+  std::vector<Vec3d> directions;
+  for (int y = 0; y < map.height; ++y)
+    for (int x = 0; x < map.width; ++x) directions.push_back(map.direction(x, y));
+  for (const Vec3d& to : directions) {
+    Vec3d sum;
+    double weights = 0;
+    for (size_t i = 0; i < directions.size(); ++i) {
+      const double cosine = dot(to, directions[i]);
+      if (!(cosine > 0)) continue;
+      const double w = std::pow(cosine, power) * map.solid_angle(static_cast<int>(i) / map.width);
+      sum = sum + map.pixels[i] * w;
+      weights += w;
+    }
+    out.pixels.push_back(sum / weights);
+  }
+  return out;
+}
+
+}  // namespace
+
+Vec3d Environment::Map::direction(int x, int y) const {
+  const double azimuth = 2 * kPi * ((x + 0.5) / width - 0.5), polar = kPi * (y + 0.5) / height;
+  return {std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth),
+          std::cos(polar)};
+}
+
+double Environment::Map::solid_angle(int y) const {
+  return 2 * kPi / width * (std::cos(kPi * y / height) - std::cos(kPi * (y + 1) / height));
 }
 
 // Between four pixels.
-Vec3d looked_up(const std::vector<Vec3d>& pixels, const Vec3d& d) {
-  constexpr int w = Environment::kWidth, h = Environment::kHeight;
-  const double x = (std::atan2(d.y, d.x) / (2 * kPi) + 0.5) * w - 0.5;
-  const double y = std::acos(std::clamp(d.z, -1.0, 1.0)) / kPi * h - 0.5;
+Vec3d Environment::Map::at(const Vec3d& d) const {
+  const double x = (std::atan2(d.y, d.x) / (2 * kPi) + 0.5) * width - 0.5;
+  const double y = std::acos(std::clamp(d.z, -1.0, 1.0)) / kPi * height - 0.5;
   const double i = std::floor(x), j = std::floor(y), s = x - i, t = y - j;
   Vec3d sum;
   for (int k = 0; k < 4; ++k) {
-    const int column = (static_cast<int>(i) + (k & 1) + w) % w;
-    const int row = std::clamp(static_cast<int>(j) + (k >> 1), 0, h - 1);
-    sum = sum + pixels[static_cast<size_t>(row * w + column)] *
+    const int below = static_cast<int>(j) + (k >> 1), row = std::clamp(below, 0, height - 1);
+    // Beyond a pole the other side begins.
+    const int across = below == row ? 0 : width / 2;
+    const int column = (static_cast<int>(i) + (k & 1) + across + width) % width;
+    sum = sum + pixels[static_cast<size_t>(row * width + column)] *
                     ((k & 1 ? s : 1 - s) * (k >> 1 ? t : 1 - t));
   }
   return sum;
 }
 
-}  // namespace
-
-Environment::Environment(const Vec3d& radiance)
-    : pixels_(static_cast<size_t>(kWidth * kHeight), radiance) {
-  prepare();
-}
-
-Vec3d Environment::direction(int x, int y) {
-  const double azimuth = 2 * kPi * ((x + 0.5) / kWidth - 0.5), polar = kPi * (y + 0.5) / kHeight;
-  return {std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth),
-          std::cos(polar)};
+Environment::Environment(const Vec3d& radiance) : map_{1, 1, {radiance}} {
+  harmonics_[0] = radiance * (4 * kPi * harmonics_at({})[0]);
+  blurred_.fill(map_);
 }
 
 void Environment::prepare() {
   harmonics_ = {};
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) {
-      const auto h = harmonics_at(direction(x, y));
+      const auto h = harmonics_at(map_.direction(x, y));
+      const Vec3d& radiance = map_.pixels[static_cast<size_t>(y * kWidth + x)];
       for (size_t k = 0; k < 9; ++k)
-        harmonics_[k] = harmonics_[k] + pixel(x, y) * (h[k] * solid_angle(y));
+        harmonics_[k] = harmonics_[k] + radiance * (h[k] * map_.solid_angle(y));
     }
   // Lobes of the cosine to a power that belongs to the roughness (alpha = roughness^2; exponent of
   // the Phong lobe that is as wide, Walter et al. 2007).
+  const Map half = halved(map_);
   for (size_t level = 0; level < 3; ++level) {
     const double rough = static_cast<double>(level + 1) / 3, alpha = rough * rough;
-    const double power = std::max(0.0, 2 / (alpha * alpha) - 2) / 4 + 1;
-    blurred_[level].assign(pixels_.size(), {});
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) {
-        const Vec3d to = direction(x, y);
-        Vec3d sum;
-        double weights = 0;
-        for (int v = 0; v < kHeight; ++v)
-          for (int u = 0; u < kWidth; ++u) {
-            const double cosine = dot(to, direction(u, v));
-            if (!(cosine > 0)) continue;
-            const double w = std::pow(cosine, power) * solid_angle(v);
-            sum = sum + pixel(u, v) * w;
-            weights += w;
-          }
-        blurred_[level][static_cast<size_t>(y * kWidth + x)] = sum / weights;
-      }
+    blurred_[level] = blurred(half, std::max(0.0, 2 / (alpha * alpha) - 2) / 4 + 1);
   }
 }
-
-Vec3d Environment::radiance(const Vec3d& d) const { return looked_up(pixels_, d); }
 
 Vec3d Environment::mirrored(const Vec3d& d, double roughness) const {
   const double at = std::clamp(roughness, 0.0, 1.0) * 3;
   const auto level = [&](int i) {
-    return i == 0 ? looked_up(pixels_, d) : looked_up(blurred_[static_cast<size_t>(i - 1)], d);
+    return i == 0 ? map_.at(d) : blurred_[static_cast<size_t>(i - 1)].at(d);
   };
   const int low = std::min(2, static_cast<int>(at));
   const double share = at - low;
@@ -122,11 +145,12 @@ Vec3d Environment::diffuse(const Vec3d& normal) const {
 Environment environment_of(const RadianceField& field, const Vec3d& centre, double near,
                            const RenderOptions& options, ThreadPool& pool) {
   std::vector<Ray> rays;
-  for (int y = 0; y < Environment::kHeight; ++y)
-    for (int x = 0; x < Environment::kWidth; ++x) {
+  const Environment::Map map{Environment::kWidth, Environment::kHeight, {}};
+  for (int y = 0; y < map.height; ++y)
+    for (int x = 0; x < map.width; ++x) {
       Ray ray;
       ray.origin = centre;
-      ray.direction = Environment::direction(x, y);
+      ray.direction = map.direction(x, y);
       ray.near = near;
       ray.radius = static_cast<Real>(kPi / Environment::kHeight / std::sqrt(12.0));
       ray.time = options.time;

@@ -16,34 +16,41 @@ namespace nerf::internal {
 // Radiance from all directions, linear, as an equirectangular picture (z up), and what follows.
 class Environment {
  public:
-  static constexpr int kHeight = 32, kWidth = 64;
+  // Equirectangular, rows from above.
+  struct Map {
+    int width = 0, height = 0;
+    std::vector<Vec3d> pixels;
+    Vec3d direction(int x, int y) const;  // of a pixel's middle
+    double solid_angle(int y) const;      // of a pixel
+    Vec3d at(const Vec3d& direction) const;
+  };
 
   // The same from everywhere.
   explicit Environment(const Vec3d& radiance = {});
-  // radiance(unit direction) of each pixel's middle.
+  // radiance(unit direction) of each pixel's middle, row by row.
   template <class Radiance>
   static Environment from(const Radiance& radiance) {
     Environment e;
+    e.map_ = {kWidth, kHeight, {}};
     for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) e.pixel(x, y) = radiance(direction(x, y));
+      for (int x = 0; x < kWidth; ++x) e.map_.pixels.push_back(radiance(e.map_.direction(x, y)));
     e.prepare();
     return e;
   }
-  static Vec3d direction(int x, int y);
+  static constexpr int kWidth = 64, kHeight = 32;
 
-  Vec3d radiance(const Vec3d& direction) const;
+  Vec3d radiance(const Vec3d& direction) const { return map_.at(direction); }
   // Blurred as a surface of this roughness mirrors it.
   Vec3d mirrored(const Vec3d& direction, double roughness) const;
   // On a surface with this normal, over pi: what it shows if it is white.
   Vec3d diffuse(const Vec3d& normal) const;
 
  private:
-  Vec3d& pixel(int x, int y) { return pixels_[static_cast<size_t>(y * kWidth + x)]; }
   void prepare();
 
-  std::vector<Vec3d> pixels_;
+  Map map_;
   std::array<Vec3d, 9> harmonics_{};
-  std::array<std::vector<Vec3d>, 3> blurred_;  // roughness 1/3, 2/3, 1
+  std::array<Map, 3> blurred_;  // roughness 1/3, 2/3, 1
 };
 
 // What the field shows around a point, from `near` on.
