@@ -182,10 +182,9 @@ TEST(Insertion, WhatIsNearerIsSeen) {
         inside = inside && nearer(x + 0.5 + dx, y + 0.5 + dy) == here;
       const size_t p = static_cast<size_t>(y * 120 + x);
       const bool red = f.rgb[3 * p] > 0.9_r && f.rgb[3 * p + 1] < 0.1_r;
-      const bool grey = std::fabs(f.rgb[3 * p + 1] - 0.5_r) < 0.05_r;
       boxes += here == 1;
       balls += here == 0;
-      if (inside) wrong += here == 1 ? !red : here == 0 ? !grey : red;
+      if (inside) wrong += (here == 1) != red;
     }
   EXPECT_GT(boxes, 500);
   EXPECT_GT(balls, 500);
@@ -245,7 +244,8 @@ TEST(Environment, IsItsClosedForms) {
     // Irradiance over pi of 1 + z: 1 + 2/3 of the normal's z.
     EXPECT_NEAR(sloped.diffuse(n).x, 1 + 2.0 / 3 * n.z, 5e-3);
     EXPECT_NEAR(sloped.diffuse(n).y, 1 + 2.0 / 3 * n.x, 5e-3);
-    EXPECT_NEAR(sloped.radiance(n).y, 1 + n.x, 0.01);
+    // At a pole its light is that of the first row's texels, half a row away: pi / 64 of 32 rows.
+    EXPECT_NEAR(sloped.radiance(n).y, 1 + n.x, 0.05);
   }
 }
 
