@@ -159,7 +159,7 @@ struct RenderCommand {
       "first and 1 its last; without it what the views say, and of generated paths all of them",
       brief("a moment from 0 to 1, or from one to another: T, A..B"));
     v("freeze_time", freeze_time, "time stands at this moment, while the camera moves",
-      metavar("T"));
+      metavar("T"), brief("time stands at this moment, while the camera moves"));
     v("freeze_camera", freeze_camera,
       "the camera stands, while the scene runs: a photo's name, or a number of a frame of --views; "
       "--frames says of how many, else as many as the capture has moments",

@@ -60,6 +60,7 @@ TEST(RenderTimes, AMomentOrASpanOfThem) {
   plan = plan_of(c);
   EXPECT_NEAR(plan.fps, 10, 1e-9) << "50 steps in 5 s";
   c.fps = 12;
+  c.mp4 = "film.mp4";
   EXPECT_EQ(plan_of(c).fps, 12);
   c.fps = {};
   c.time = TimeSpan{0.75, 0.25};
@@ -145,7 +146,7 @@ TEST(RenderTimes, TheCameraOfAFrameStands) {
 }
 
 TEST(RenderTimes, WhatStandsStillIsNoted) {
-  RenderCommand c = command("orbit");
+  RenderCommand c = command("train");
   EXPECT_TRUE(plan_of(c, film(false), false).notes.empty());
   c.time = TimeSpan{0, 7};
   RenderPlan plan = plan_of(c, film(false), false);

@@ -212,6 +212,10 @@ TEST(FieldQuery, AMovingFieldDependsOnTime) {
   EXPECT_TRUE(field->moves());
   EXPECT_FALSE(some_grid(true, 16)->moves());
   EXPECT_FALSE(some_network(Space::kIdentity, Encoding::kFrequency)->moves());
+  NetworkOptions moving;
+  moving.deform.warp = WarpKind::kTranslation;
+  moving.deform.code = 0;  // by time itself
+  EXPECT_TRUE(NetworkField(moving, 0.1, 4).moves());
   const auto at = some_points(8, 0.9, 11);
   std::vector<Real> early(8), late(8);
   const auto query = field->query(nullptr);

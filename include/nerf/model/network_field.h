@@ -70,6 +70,7 @@ struct NetworkField final : Field {
   std::vector<LinearWeights> layers() const override;
   std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
   bool may_hold(const Vec3d&) const override { return true; }
+  bool moves() const override { return options.deform.any(); }
   const CodeBooks& codes() const override { return books; }
   std::span<const Real> all_weights() const override { return weights.span(); }
   // Zeros, as the authors have it.
