@@ -158,11 +158,13 @@ void describe_held_out(const Scene& scene, SceneReport& report) {
                                  [&](int v) { return kinds[static_cast<size_t>(v)] == kind; });
   };
   const auto space = count(HeldOut::kSpace), time = count(HeldOut::kTime);
+  if (space + time == 0) return;
+  report.times += "; held out: ";
   if (space > 0)
-    report.times +=
-        fmt::format(", {} held-out photos are of moments trained on from elsewhere", space);
+    report.times += fmt::format("{} of moments that training sees from elsewhere", space);
   if (time > 0)
-    report.times += fmt::format(", {} held-out photos are of moments not trained on", time);
+    report.times +=
+        fmt::format("{}{} of moments that training does not see", space > 0 ? ", " : "", time);
 }
 
 }  // namespace nerf::internal

@@ -89,8 +89,10 @@ struct Insertion::Impl {
     RenderOptions looking = render;
     looking.layers.reset();
     sky = field.shows_background() ? render.background : Vec3{};
-    if (options.field_light)
-      around = internal::environment_of(field, centre, radius, looking, pool);
+    // From inside the object, but not so far out that what it stands on would be missed.
+    const Vec3d size = bvh.box().size();
+    const double near = 0.45 * std::min({size.x, size.y, size.z});
+    if (options.field_light) around = internal::environment_of(field, centre, near, looking, pool);
     openness = internal::vertex_openness(object, bvh, radius, pool);
   }
 

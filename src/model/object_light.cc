@@ -119,7 +119,7 @@ Vec3d Environment::diffuse(const Vec3d& normal) const {
   return sum;
 }
 
-Environment environment_of(const RadianceField& field, const Vec3d& centre, double radius,
+Environment environment_of(const RadianceField& field, const Vec3d& centre, double near,
                            const RenderOptions& options, ThreadPool& pool) {
   std::vector<Ray> rays;
   for (int y = 0; y < Environment::kHeight; ++y)
@@ -127,7 +127,7 @@ Environment environment_of(const RadianceField& field, const Vec3d& centre, doub
       Ray ray;
       ray.origin = centre;
       ray.direction = Environment::direction(x, y);
-      ray.near = radius;
+      ray.near = near;
       ray.radius = static_cast<Real>(kPi / Environment::kHeight / std::sqrt(12.0));
       ray.time = options.time;
       ray.background = field.shows_background() ? options.background : Vec3{};

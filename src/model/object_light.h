@@ -46,8 +46,8 @@ class Environment {
   std::array<std::vector<Vec3d>, 3> blurred_;  // roughness 1/3, 2/3, 1
 };
 
-// What the field shows around a ball, beyond its surface.
-Environment environment_of(const RadianceField& field, const Vec3d& centre, double radius,
+// What the field shows around a point, from `near` on.
+Environment environment_of(const RadianceField& field, const Vec3d& centre, double near,
                            const RenderOptions& options, ThreadPool& pool);
 
 // Light that gets through between two points: alpha of the triangles on the way. Front and back.

@@ -53,9 +53,10 @@ class SeenSurface {
   size_t index(int x, int y) const {
     return static_cast<size_t>(y) * static_cast<size_t>(camera_.width) + static_cast<size_t>(x);
   }
-  // Towards the camera, from neighbours a few pixels away on the nearer side.
-  Vec3d normal(int x, int y, const Vec3d& here) const {
-    constexpr int kStep = 2;
+  // Towards the camera, from neighbours on the nearer side, about so far away on the surface.
+  Vec3d normal(int x, int y, const Vec3d& here, double reach) const {
+    const double pixel = length(here - pose_.translation) / camera_.fx();
+    const int step = static_cast<int>(std::clamp(reach / pixel, 2.0, 24.0));
     const auto along = [&](int dx, int dy) {
       const auto after = point(x + dx, y + dy), before = point(x - dx, y - dy);
       if (after && (!before || length(*after - here) < length(here - *before)))
@@ -63,7 +64,7 @@ class SeenSurface {
       return before ? here - *before : Vec3d();
     };
     const Vec3d back = normalized(pose_.translation - here);
-    const Vec3d n = normalized(cross(along(kStep, 0), along(0, kStep)));
+    const Vec3d n = normalized(cross(along(step, 0), along(0, step)));
     if (n == Vec3d()) return back;
     return dot(n, back) < 0 ? -n : n;
   }
@@ -157,7 +158,8 @@ void cast_shadows(const ShadowCaster& caster, const ObjectPixels& pixels, const 
       const auto point = surface.point(x, y);
       if (!point || length(*point - caster.centre) > kReach * caster.radius) continue;
       const size_t p = surface.index(x, y);
-      const auto light = light_left(caster, sent, *point, surface.normal(x, y, *point), p);
+      const auto light =
+          light_left(caster, sent, *point, surface.normal(x, y, *point, 0.1 * caster.radius), p);
       if (!light) continue;
       left[p] = *light;
       shadowed[p] = 1;

@@ -105,7 +105,9 @@ TEST_F(Nerfies, LoadsAsAScene) {
   EXPECT_NEAR(length(scene.points[7].position - Vec3d{-0.36, 0.23, 0.2}), 0, 1e-6);
   EXPECT_EQ(scene.times.first, 0);
   EXPECT_EQ(scene.times.last, kMoments - 1);
-  EXPECT_EQ(scene.report.times, "5 moments, 0 to 4 (ids of metadata.json)");
+  EXPECT_EQ(scene.report.times,
+            "5 moments, 0 to 4 (ids of metadata.json); held out: 5 of moments that training sees "
+            "from elsewhere");
   EXPECT_NEAR(scene.published_near, 0.05 / kScale * scene.to_engine.scale, 1e-12);
   EXPECT_NEAR(scene.published_far, 2 / kScale * scene.to_engine.scale, 1e-12);
   // Near is the points', which lie within 1 of the ring's middle.

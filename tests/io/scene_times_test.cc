@@ -149,8 +149,8 @@ TEST(SceneTimes, WhatIsNewInHeldOutViews) {
   describe_held_out(scene, report);
   EXPECT_EQ(
       report.times,
-      ", 1 held-out photos are of moments trained on from elsewhere, 1 held-out photos are of "
-      "moments not trained on");
+      "; held out: 1 of moments that training sees from elsewhere, 1 of moments that training "
+      "does not see");
 }
 
 TEST(SceneTimes, OptionsAreChecked) {
