@@ -53,7 +53,7 @@ void give_appearance(const std::string& text, const RadianceField& field, Render
   if (text.empty() || text == "mean") return;
   const CodeBooks& books = field.field().codes();
   const auto weights = field.field().all_weights();
-  if (books.empty())
+  if (books.light() == 0 && books.colours.out == 0)
     throw Error("the model has not learnt the photos' light", kOption,
                 "train with --appearance 16, or leave it out");
   if (text == "own") {

@@ -11,6 +11,8 @@ namespace nerf::internal {
 
 // Throws Error where the appearance has numbers that the field does not know.
 void check_appearance(const Field& field, const Appearance& appearance);
+// Throws Error where a time is none from 0 to 1; `where`: of whom.
+void check_time(Real time, const char* where);
 
 // Colours [n][3] over backgrounds, sRGB, clipped to [0, 1] where they are changed; opacities [n].
 template <class Background>

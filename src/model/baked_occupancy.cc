@@ -168,7 +168,9 @@ std::vector<uint8_t> bake_level(const NetworkField& field, const ModelInfo& info
 
 }  // namespace
 
+// Not of a scene that moves: a cell would have to be asked at every moment.
 bool can_bake(const NetworkField& field, const ModelInfo& info) {
+  if (field.options.deform.any()) return false;
   if (field.options.cast == Cast::kPoint) return !field.options.integrated();
   const bool even = field.options.sampling.spacing == Spacing::kUniform;
   return even && field.options.space == Space::kIdentity && !info.views.empty();

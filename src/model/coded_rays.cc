@@ -95,7 +95,7 @@ class NetworkRays final : public CodedRays {
           light(tape.input(1, Domain::kSamples)),
           directions(tape.input(3, Domain::kRays)),
           background(tape.input(3, Domain::kRays)),
-          code(tape.input(field.options.image_code, Domain::kRays)) {
+          code(tape.input(field.options.light(), Domain::kRays)) {
       const Value colour =
           record_colour(tape, field.options, field.networks.back(), features, directions, code);
       out = accumulate(tape, light, colour, background);
@@ -191,7 +191,7 @@ class NetworkRays final : public CodedRays {
 std::unique_ptr<CodedRays> coded_rays(const RadianceField& field, std::span<const Ray> rays,
                                       const RenderOptions& options, ThreadPool& pool,
                                       const Cancel* cancel) {
-  if (field.is_grid() || field.network().options.image_code == 0 || options.bbox)
+  if (field.is_grid() || field.network().options.light() == 0 || options.bbox)
     return std::make_unique<IntegratedRays>(field, rays, options, pool, cancel);
   return std::make_unique<NetworkRays>(field.network(), rays, options, pool, cancel);
 }

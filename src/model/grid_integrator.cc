@@ -42,7 +42,7 @@ GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
       shading_(tape_.tape),
       sampler_(field.occupancy, sampler_options(field, options), field.clip) {
   if (tape_.code >= 0)
-    code_ = options.appearance.code.empty() ? field.default_code() : options.appearance.code;
+    code_ = options.appearance.code.empty() ? field.default_code(0) : options.appearance.code;
   chunk_.weights = shading_.weights = field.weights.data();
   chunk_.packs = shading_.packs = &packs;
   if (!field.motion.empty()) motion_ = std::make_unique<MotionChunk>(field, &packs);

@@ -108,7 +108,7 @@ class GridQuery final : public FieldQuery {
   void set_code(int photo, int n, Worker& w) {
     if (w.tape.code < 0) return;
     if (photo != photo_ || code_.empty()) {
-      code_ = photo < 0 ? field_.default_code()
+      code_ = photo < 0 ? field_.default_code(0)
                         : appearance_of(field_.books, field_.weights.span(), photo).code;
       photo_ = photo;
     }

@@ -51,6 +51,7 @@ RayResults integrate(const RadianceField& radiance, std::span<const Ray> rays, c
   const size_t n = rays.size();
   RayResults out = results_of(n, layers);
   internal::check_appearance(radiance.field(), options.appearance);
+  for (const Ray& ray : rays) internal::check_time(ray.time, "Ray::time");
   const auto integrator = internal::make_integrator(radiance, options, pool);
   std::vector<std::unique_ptr<FieldQuery>> queries(static_cast<size_t>(pool.size()));
   std::mutex mutex;

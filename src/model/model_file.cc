@@ -114,7 +114,51 @@ MotionShape motion_from(const JsonFields& header) {
 Json codes_to_json(const CodeShape& shape) {
   Json out{{"appearance", shape.appearance}, {"colours", shape.colours}, {"photos", shape.photos}};
   if (shape.transient > 0) out["transient"] = shape.transient;
+  if (!shape.moments.empty()) {
+    out["deformation"] = shape.deformation;
+    out["plane"] = shape.plane;
+    out["moments"] = shape.moments;
+    out["photo_moments"] = shape.photo_moments;
+  }
+  if (!shape.cameras.empty()) {
+    out["camera"] = shape.camera;
+    out["cameras"] = shape.cameras;
+    out["photo_cameras"] = shape.photo_cameras;
+  }
   return out;
+}
+
+// Of each photo, a row of so many.
+std::vector<int> rows_from(const JsonFields& f, const char* key, size_t photos, size_t rows) {
+  std::vector<int> out;
+  if (f.at(key).empty()) return out;
+  for (const double row : f.numbers(key, photos)) {
+    if (!(row >= 0 && row < static_cast<double>(rows) && row == std::floor(row)))
+      f.fail("expected whole numbers from 0 to " + std::to_string(rows) + " less 1", key);
+    out.push_back(static_cast<int>(row));
+  }
+  return out;
+}
+
+void moments_from(const JsonFields& f, CodeShape& shape) {
+  if (f.has("moments")) {
+    shape.deformation = static_cast<int>(f.integer("deformation", 0, 256));
+    shape.plane = static_cast<int>(f.integer("plane", 0, 256));
+    shape.moments = f.numbers("moments", f.at("moments").size());
+    const auto in_order = [&] {
+      return std::ranges::is_sorted(shape.moments) && shape.moments.front() >= 0 &&
+             shape.moments.back() <= 1;
+    };
+    if (shape.moments.empty() || !in_order())
+      f.fail("expected times from 0 to 1, ascending", "moments");
+    shape.photo_moments = rows_from(f, "photo_moments", shape.photos.size(), shape.moments.size());
+  }
+  if (f.has("cameras")) {
+    shape.camera = static_cast<int>(f.integer("camera", 0, 256));
+    for (const double id : f.numbers("cameras", f.at("cameras").size()))
+      shape.cameras.push_back(static_cast<int>(id));
+    shape.photo_cameras = rows_from(f, "photo_cameras", shape.photos.size(), shape.cameras.size());
+  }
 }
 
 // Files without codes do not name any. Allocates no more than the file has shown to hold.
@@ -126,6 +170,7 @@ CodeShape codes_from(const ContainerReader& file, const JsonFields& header) {
   shape.colours = f.boolean("colours");
   shape.photos = f.texts("photos");
   if (f.has("transient")) shape.transient = static_cast<int>(f.integer("transient", 0, 256));
+  moments_from(f, shape);
   if (file.decoded_bytes("codes") != CodeBooks(shape, 0).size() * sizeof(float))
     throw Error("is a damaged model file: its codes do not have the size that its photos ask for",
                 file.where());
@@ -150,7 +195,16 @@ RadianceField read_network(const ContainerReader& file, const JsonFields& header
     header.fail("does not fit the codes' size", "options.image_code");
   if (!codes.photos.empty() && codes.transient != options.transient_code)
     header.fail("does not fit the codes' size", "options.transient_code");
-  auto field = std::make_shared<NetworkField>(options, near, far, codes.photos);
+  const CodeShape asked = code_shape(options, {});
+  if (codes.deformation != asked.deformation || codes.plane != asked.plane)
+    header.fail("does not fit the moments' codes", "options.deform");
+  if (codes.camera != asked.camera)
+    header.fail("does not fit the codes' size", "options.camera_code");
+  auto field = std::make_shared<NetworkField>(codes, options, near, far);
+  if (header.has("windows")) {
+    const JsonFields windows = header.object("windows");
+    field->windows = {windows.number("warp"), windows.number("ambient")};
+  }
   if (options.space == Space::kNdc) field->ndc = ndc_from(header.object("ndc"));
   read_weights(file, field->weights.span(), field->network_size());
   return RadianceField(std::move(info), std::move(field));
@@ -216,6 +270,9 @@ void RadianceField::save(const std::filesystem::path& path) const {
     header["options"] = Json::parse(options_to_json(network_->options));
     header["sample_near"] = network_->near;
     header["sample_far"] = network_->far;
+    if (network_->options.deform.any())
+      header["windows"] = {{"warp", network_->windows.warp},
+                           {"ambient", network_->windows.ambient}};
     if (network_->options.space == Space::kNdc)
       header["ndc"] = internal::ndc_to_json(network_->ndc);
     internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));

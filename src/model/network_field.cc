@@ -45,7 +45,7 @@ RadianceNetwork place_network(const NetworkOptions& o, int depth, int width, boo
   n.has_colour = colour;
   if (colour && o.view_dependence) {
     n.bottleneck = place.layer(width, o.bottleneck);
-    n.view = place.layer(o.bottleneck + direction_features(o) + o.image_code, o.view_width);
+    n.view = place.layer(o.bottleneck + direction_features(o) + o.light(), o.view_width);
     n.colour = place.layer(o.view_width, 3);
   } else if (colour) {
     n.colour = place.layer(width, 3);
@@ -86,6 +86,14 @@ void first_codes(const LinearWeights& w, const NetworkOptions& o, Random random,
     for (int k = 0; k < w.in; ++k)
       weights[w.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(w.in)) +
               static_cast<size_t>(k)] = std::sqrt(3 * variance) * (2 * random.uniform() - 1);
+}
+
+// Of moments and cameras: even in [0, 0.05), as google/nerfies begins its own.
+void first_numbers(const LinearWeights& w, Random random, Real* weights) {
+  for (int j = 0; j < w.out; ++j)
+    for (int k = 0; k < w.in; ++k)
+      weights[w.offset + static_cast<size_t>(j) * static_cast<size_t>(weight_stride(w.in)) +
+              static_cast<size_t>(k)] = 0.05_r * random.uniform();
 }
 
 std::vector<Vec3> halved_icosahedron() {
@@ -135,7 +143,8 @@ int position_rows(const NetworkOptions& o) {
 }
 
 int position_features(const NetworkOptions& o) {
-  return 2 * o.position_degrees * position_rows(o) + (o.integrated() ? 0 : 3);
+  return 2 * o.position_degrees * position_rows(o) + (o.integrated() ? 0 : 3) +
+         ambient_features(o.deform);
 }
 
 int direction_features(const NetworkOptions& o) { return 3 + 6 * o.direction_degrees; }
@@ -169,54 +178,84 @@ void NetworkOptions::check_options() const {
   if (transient_code > 0 && !view_dependence)
     throw Error("what is transient is found from the features that the view direction joins",
                 "--network-transient-code", "leave it out, or give --network-view-dependence");
+  if (camera_code > 0 && !view_dependence)
+    throw Error("cameras' codes join the view direction, which colours do not depend on",
+                "--network-camera-code", "leave it out, or give --network-view-dependence");
+  if (deform.any() && integrated())
+    throw Error("points are moved, and integrated encodings have none", "--network-deform-warp",
+                "take --network-encoding frequency");
+  if (deform.still_start && deform.warp != WarpKind::kTranslation)
+    throw Error("translations alone can be told to stand still at time 0",
+                "--network-deform-still-start", "take --network-deform-warp translation");
   if (!proposal_colour && shared && sampling.rounds > 0)
     throw Error("a network that all levels share has colours at every level", "--network-shared",
                 "leave it out, or give --network-proposal-colour");
 }
 
-std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, int photos) {
+std::vector<RadianceNetwork> place_networks(const NetworkOptions& o, const CodeShape& codes) {
   std::vector<RadianceNetwork> networks;
-  size_t at = 0;
+  DeformNetworks deform(o.deform, 0);
+  size_t at = deform.end;
   if (o.sampling.rounds > 0 && !o.shared) {
     networks.push_back(
         place_network(o, o.proposal_depth, o.proposal_width, o.proposal_colour, false, at));
     at = networks.back().end;
   }
   networks.push_back(place_network(o, o.depth, o.width, /*colour=*/true, o.transient_code > 0, at));
-  const LinearWeights codes{networks.back().end, o.image_code, o.image_code > 0 ? photos : 0};
-  const LinearWeights transient_codes{codes.offset + codes.size(), o.transient_code,
-                                      o.transient_code > 0 ? photos : 0};
-  for (RadianceNetwork& n : networks) {
-    n.codes = codes;
-    n.transient_codes = transient_codes;
-  }
-  std::vector<LinearWeights*> layers;
+  std::vector<LinearWeights*> layers = deform.layers();
   for (RadianceNetwork& n : networks)
     each_layer(n, [&](LinearWeights& w) { layers.push_back(&w); });
   place_packs(layers);
+  const CodeBooks books(codes, networks.back().end);
+  deform.codes = books.deformation;
+  deform.planes = books.plane;
+  deform.codes.in = o.deform.code;
+  deform.planes.in = o.deform.ambient;
+  for (RadianceNetwork& n : networks) {
+    n.codes = books.appearance;
+    n.camera_codes = books.camera;
+    n.transient_codes = books.transient;
+    n.codes.in = o.image_code;
+    n.camera_codes.in = o.camera_code;
+    n.transient_codes.in = o.transient_code;
+    n.deform = deform;
+  }
   return networks;
 }
 
 CodeShape code_shape(const NetworkOptions& o, std::vector<std::string> photos) {
-  return {o.image_code, false, std::move(photos), o.transient_code};
+  CodeShape shape{o.image_code, false, std::move(photos), o.transient_code};
+  if (o.deform.any() && o.deform.code > 0) shape.deformation = o.deform.code;
+  if (o.deform.slice == Slice::kPlane) shape.plane = o.deform.ambient;
+  shape.camera = o.camera_code;
+  return shape;
 }
 
-NetworkField::NetworkField(const NetworkOptions& o, double n, double f,
-                           std::vector<std::string> photos)
-    : options(o), near(n), far(f), networks(place_networks(o, static_cast<int>(photos.size()))) {
+NetworkField::NetworkField(const CodeShape& codes, const NetworkOptions& o, double n, double f)
+    : options(o), near(n), far(f), networks(place_networks(o, codes)) {
   simd_target();  // chosen, or found missing, before any kernel runs
-  books = CodeBooks(code_shape(o, std::move(photos)), network_size());
+  books = CodeBooks(codes, network_size());
   weights = AlignedArray<Real>(network_size() + books.size());
+}
+
+std::vector<Real> NetworkField::default_code(Real time, int camera) const {
+  if (!books.photo_moments.empty() || !books.cameras.empty())
+    return appearance_at(books, weights.span(), static_cast<double>(time), camera).code;
+  return std::vector<Real>(static_cast<size_t>(options.light()), 0.0_r);
 }
 
 size_t NetworkField::parameters() const {
   size_t sum = 0;
   for (const RadianceNetwork& n : networks) sum += n.parameters();
+  DeformNetworks deform = networks.back().deform;
+  for (const LinearWeights* w : deform.layers()) sum += w->parameters();
   return sum;
 }
 
 std::vector<LinearWeights> NetworkField::layers() const {
   std::vector<LinearWeights> all;
+  DeformNetworks deform = networks.back().deform;
+  for (const LinearWeights* w : deform.layers()) all.push_back(*w);
   for (const RadianceNetwork& n : networks)
     each_layer(n, [&](const LinearWeights& w) { all.push_back(w); });
   return all;
@@ -225,13 +264,15 @@ std::vector<LinearWeights> NetworkField::layers() const {
 void NetworkField::initialise(uint64_t seed) {
   constexpr uint64_t kStream = random_key(RandomStream::kFirstNetworks);
   std::fill(weights.begin(), weights.end(), 0.0_r);
-  uint64_t layer = 0;
+  uint64_t layer = networks.back().deform.initialise(seed, 0, weights.data());
   for (const RadianceNetwork& n : networks)
     each_layer(n, [&](const LinearWeights& w) {
       uniform_weights(w, options.initialisation, Random(seed, kStream, layer++), weights.data());
     });
   for (const LinearWeights* table : {&books.appearance, &books.transient})
     first_codes(*table, options, Random(seed, kStream, layer++), weights.data());
+  for (const LinearWeights* table : {&books.deformation, &books.plane, &books.camera})
+    first_numbers(*table, Random(seed, kStream, layer++), weights.data());
 }
 
 }  // namespace nerf

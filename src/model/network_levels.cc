@@ -11,7 +11,8 @@ namespace nerf {
 
 namespace {
 
-NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool last, bool training) {
+NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool first, bool last,
+                                    bool training) {
   NetworkTape::Losses out;
   out.colour = last || losses.coarse > 0;
   out.pixel = losses.pixel;
@@ -20,6 +21,7 @@ NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool last, bool
   out.transient = last;
   out.least_deviation = losses.least_deviation;
   out.transient_density = losses.transient_density;
+  out.elastic = first && losses.elastic;
   return out;
 }
 
@@ -46,16 +48,17 @@ NetworkLevels::NetworkLevels(const NetworkField& field, int rays, bool training,
       losses_(losses),
       sampler_(field.options.sampling, field.near, field.far),
       axes_(encoding_axes(field.options)),
-      code_(field.default_code()) {
+      moments_(field) {
   for (int l = 0; l < sampler_.levels(); ++l) {
     const int samples = sampler_.samples(l);
-    const auto of_level = losses_of_level(losses, l + 1 == sampler_.levels(), training);
+    const auto of_level = losses_of_level(losses, l == 0, l + 1 == sampler_.levels(), training);
     levels_.push_back(std::make_unique<Level>(field, l, samples, rays, training, of_level));
     Level& level = *levels_.back();
     level.chunk.weights = field.weights.data();
     level.posts.resize(static_cast<size_t>(rays * sampler_.posts(l)));
     for (int r = 0; r <= rays; ++r) level.ray_begin.push_back(r * samples);
-    if (!training || !can_skip_level(field.options, losses, l + 1 == sampler_.levels())) continue;
+    if (!training || !level.tape.learns()) continue;
+    if (!can_skip_level(field.options, losses, l + 1 == sampler_.levels())) continue;
     level.probe = std::make_unique<NetworkTape>(field.options, field.network_of(l), rays * samples,
                                                 rays, NetworkTape::Purpose::kDensity, of_level);
     level.probe_chunk = std::make_unique<Chunk>(level.probe->tape);
@@ -76,7 +79,7 @@ uint64_t NetworkLevels::memory_bytes(const NetworkOptions& options, int rays, bo
   uint64_t floats = 0;
   for (int l = 0; l < options.sampling.levels(); ++l) {
     const bool last = l + 1 == options.sampling.levels();
-    const auto of_level = losses_of_level(losses, last, training);
+    const auto of_level = losses_of_level(losses, l == 0, last, training);
     const auto arena = [&](NetworkTape::Purpose purpose) {
       return NetworkTape(options, network_of(options, networks, l),
                          rays * options.sampling.samples(l), rays, purpose, of_level)
@@ -94,6 +97,7 @@ bool NetworkLevels::can_skip() const { return levels_.back()->probe != nullptr; 
 void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip) {
   rays_ = rays;
   dense_ = all_ = 0;
+  moments_.begin();
   for (size_t l = 0; l < levels_.size(); ++l) {
     Level& level = *levels_[l];
     const int at = static_cast<int>(l), samples = sampler_.samples(at);
@@ -109,12 +113,14 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
                       weights(at - 1, static_cast<int>(r)), exponent, random, out);
     }
     level.chunk.loss = 0;
+    if (field_.options.deform.any()) level.tape.open(field_.windows);
     place_rays(level);
     const bool in_picture = !training_ && (occupancy_ || cut_);
     level.skipped = in_picture || (skip && level.probe);
     if (in_picture) {
       place_drawn(level, samples);
     } else if (level.skipped) {
+      if (field_.options.deform.any()) level.probe->open(field_.windows);
       place_samples(level, samples, *level.probe, *level.probe_chunk);
       level.probe->forward_weights(*level.probe_chunk);
       count_dense(*level.probe, *level.probe_chunk);
@@ -122,8 +128,9 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
     } else {
       place_samples(level, samples, level.tape, level.chunk);
     }
-    // A picture needs the last level's colours only.
-    if (training_ || l + 1 == levels_.size())
+    // A picture needs the last level's colours only, and of a level that learns nothing samples are
+    // drawn from the weights.
+    if (training_ ? level.tape.learns() : l + 1 == levels_.size())
       level.tape.forward(level.chunk);
     else
       level.tape.forward_weights(level.chunk);
@@ -185,7 +192,7 @@ double NetworkLevels::backward(Real* weight_gradient) {
   double loss = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {
     Level& level = *levels_[l];
-    if (level.tape.pixel < 0 && level.tape.weight_gradient < 0) continue;  // learns nothing
+    if (!level.tape.learns()) continue;
     level.chunk.weight_gradient = weight_gradient;
     loss += losses_on_weights(l) + level.chunk.loss;
     level.tape.tape.backward(level.chunk);

@@ -1,6 +1,5 @@
 // Where the samples of NetworkLevels stand, and which of them the networks are asked for.
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "model/baked_occupancy.h"
@@ -9,16 +8,6 @@
 #include "nerf/model/network_levels.h"
 
 namespace nerf {
-
-namespace {
-
-// Two independent normal numbers would come of two draws (Box and Muller); one is enough here.
-Real normal(Random& random) {
-  const Real u = 1 - random.uniform(), v = random.uniform();  // u in (0, 1]
-  return std::sqrt(-2 * std::log(u)) * std::cos(6.28318531_r * v);
-}
-
-}  // namespace
 
 template <class Body>
 void NetworkLevels::each_sample(const Level& level, int samples, const Body& body) {
@@ -61,8 +50,17 @@ void NetworkLevels::place_rays(Level& level) {
       c.data(tape.background)[k * lr + r] = ray.background[k];
     }
     if (tape.photo >= 0) c.data(tape.photo)[r] = static_cast<Real>(ray.photo);
-    for (size_t k = 0; tape.code >= 0 && k < code_.size(); ++k)
-      c.data(tape.code)[static_cast<int64_t>(k) * lr + r] = code_[k];
+    if (tape.camera >= 0) c.data(tape.camera)[r] = static_cast<Real>(ray.camera);
+    if (tape.code >= 0) {
+      const std::vector<Real>& code = code_.empty() ? moments_.light(ray.time) : code_;
+      for (size_t k = 0; k < code.size(); ++k)
+        c.data(tape.code)[static_cast<int64_t>(k) * lr + r] = code[k];
+    }
+    moments_.place(tape, c, r, ray.time, training_ ? ray.moment : -1);
+    if (level.probe)
+      moments_.place(*level.probe, *level.probe_chunk, r, ray.time, training_ ? ray.moment : -1);
+    if (tape.deform.elastic_scale >= 0)
+      c.data(tape.deform.elastic_scale)[r] = 3 * ray.scale * elastic_weight_;
     if (!training_ || tape.pixel_loss.target < 0) continue;
     for (int k = 0; k < 3; ++k) c.data(tape.pixel_loss.target)[k * lr + r] = ray.target[k];
     c.data(tape.pixel_loss.scale)[r] = ray.scale * (last ? 1.0_r : losses_.coarse);
@@ -77,8 +75,9 @@ void NetworkLevels::place_samples(const Level& level, int samples, const Network
   each_sample(level, samples, [&](const Sample& s) {
     NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
     place_sample(ray, s, s.column, tape, c);
-    if (tape.noise >= 0) c.data(tape.noise)[s.column] = losses_.density_noise * normal(ray.random);
+    if (tape.noise >= 0) c.data(tape.noise)[s.column] = losses_.density_noise * ray.random.normal();
   });
+  tape.place_axes(c);
 }
 
 template <class Body, class EndOfRay>
@@ -131,6 +130,7 @@ void NetworkLevels::keep_dense(Level& level) {
   if (field_.options.integrated()) move_rows(from.variance, to.variance);
   move_rows(from.delta, to.delta);
   move_rows(from.noise, to.noise);
+  to.place_axes(c);
 }
 
 // Only the samples that may meet matter in the part of the ray that is drawn, packed.

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "nerf/math/contraction.h"
+#include "nerf/model/moments.h"
 #include "nerf/model/network_field.h"
 
 namespace nerf {
@@ -14,10 +15,11 @@ constexpr int kBlock = 256;  // points of a network call, each on a ray of its o
 class NetworkQuery final : public FieldQuery {
  public:
   NetworkQuery(const NetworkField& field, const LayerPacks* packs)
-      : field_(field), axes_(encoding_axes(field.options)), packs_(packs) {}
+      : field_(field), axes_(encoding_axes(field.options)), packs_(packs), moments_(field) {}
 
   void ask(const FieldPoints& points, const FieldAnswers& answers) override {
     const size_t n = points.positions.size();
+    moments_.begin();
     for (size_t begin = 0; begin < n; begin += kBlock)
       ask_block(points, answers, begin, static_cast<int>(std::min<size_t>(kBlock, n - begin)));
   }
@@ -30,6 +32,7 @@ class NetworkQuery final : public FieldQuery {
           chunk(tape.tape) {
       chunk.weights = field.weights.data();
       chunk.packs = packs;
+      if (field.options.deform.any()) tape.open(field.windows);
     }
     NetworkTape tape;
     Chunk chunk;
@@ -89,9 +92,11 @@ class NetworkQuery final : public FieldQuery {
     }
     if (w.tape.code >= 0)
       fill_rows(points.photo < 0
-                    ? field_.default_code()
+                    ? field_.default_code(points.time)
                     : appearance_of(field_.books, field_.weights.span(), points.photo).code,
                 n, w.tape.code, c);
+    for (int i = 0; i < n && field_.options.deform.any(); ++i)
+      moments_.place(w.tape, c, i, points.time, -1);
     ray_begin_[n] = n;
     c.samples = c.rays = n;
     c.ray_begin = ray_begin_;
@@ -159,6 +164,7 @@ class NetworkQuery final : public FieldQuery {
   const NetworkField& field_;
   std::span<const Vec3> axes_;
   const LayerPacks* packs_;
+  Moments moments_;
   std::unique_ptr<Worker> plain_, sloped_;
   int32_t ray_begin_[kBlock + 1];
   AlignedArray<Real> unused_;  // gradient of the networks

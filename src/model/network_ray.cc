@@ -35,6 +35,7 @@ std::optional<NetworkRay> sampled_ray(const NetworkField& field, const Ray& give
   ray.view = given.direction.cast<Real>();
   ray.radius = given.radius;
   ray.photo = given.photo;
+  ray.time = given.time;
   ray.background = given.background;
   if (field.options.space != Space::kNdc) {
     ray.origin = given.origin.cast<Real>();

@@ -7,6 +7,9 @@ namespace nerf {
 
 namespace {
 
+// The residual from which on a Jacobian's error hardly counts more (Park et al. 2021, section 3.3).
+constexpr Real kElasticPenalty = 0.03_r;
+
 Value activated(Tape& tape, const NetworkOptions& o, Value raw) {
   const Value colour = sigmoid(tape, raw);
   if (o.colour_padding == 0) return colour;
@@ -40,10 +43,7 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
   delta = tape.input(1, Domain::kSamples);
   background = tape.input(3, Domain::kRays);
 
-  const std::vector<Real> open(static_cast<size_t>(o.position_degrees), 1.0_r);
-  const Value encoded = o.integrated()
-                            ? integrated_encoding(tape, position, variance, o.position_degrees)
-                            : frequency_encoding(tape, position, open, /*identity=*/true);
+  const Value encoded = record_position(o, n, purpose, losses);
   Value h = encoded;
   const int depth = static_cast<int>(n.trunk.size());
   for (int i = 0; i < depth; ++i) {
@@ -72,7 +72,12 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
     Value numbers = -1;
     if (train && (o.image_code > 0 || transient)) photo = tape.input(1, Domain::kRays);
     if (train && o.image_code > 0) numbers = table_rows(tape, photo, n.codes);
-    if (!train && o.image_code > 0) numbers = code = tape.input(o.image_code, Domain::kRays);
+    if (train && o.camera_code > 0) {
+      camera = tape.input(1, Domain::kRays);
+      const Value own = table_rows(tape, camera, n.camera_codes);
+      numbers = numbers < 0 ? own : concat(tape, numbers, own);
+    }
+    if (!train && o.light() > 0) numbers = code = tape.input(o.light(), Domain::kRays);
     colour = record_colour(tape, o, n, o.view_dependence ? features : h, directions, numbers);
     if (transient)
       record_transient(o, n, losses);
@@ -84,6 +89,10 @@ NetworkTape::NetworkTape(const NetworkOptions& o, const RadianceNetwork& n, int 
     if (losses.on_weights) {
       weight_gradient = tape.input(1, Domain::kSamples);
       add_gradient(tape, weights, weight_gradient);
+    }
+    if (deform.jacobian[0] >= 0) {
+      deform.elastic_scale = tape.input(1, Domain::kRays);
+      elastic_loss(tape, deform.jacobian, weights, deform.elastic_scale, kElasticPenalty);
     }
   }
   tape.plan();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "model/appearance.h"
 #include "model/baked_occupancy.h"
 #include "model/network_renderer.h"
 #include "nerf/base/error.h"
@@ -56,6 +57,7 @@ void RadianceField::query(std::span<const Vec3d> points, std::span<const Vec3d> 
   NERF_CHECK_EQ(directions.size(), points.size());
   NERF_CHECK_EQ(density.size(), points.size());
   NERF_CHECK_EQ(rgb.size(), 3 * points.size());
+  internal::check_time(time, "RadianceField::query");
   std::vector<std::unique_ptr<FieldQuery>> queries(static_cast<size_t>(pool.size()));
   constexpr size_t kBlock = kChunkSamples;
   const size_t n = points.size();

@@ -150,6 +150,7 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
              const Insertion* insertion) {
   const ModelInfo& info = radiance.info();
   internal::check_appearance(radiance.field(), options.appearance);
+  internal::check_time(options.time, "RenderOptions::time");
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {

@@ -27,16 +27,91 @@ std::vector<Real> blend(std::vector<Real> a, std::vector<Real> b, Real share) {
 CodeBooks::CodeBooks(const CodeShape& shape, size_t begin) {
   if (!shape.any()) return;
   photos = shape.photos;
-  const int n = static_cast<int>(photos.size());
-  appearance = {begin, shape.appearance, shape.appearance > 0 ? n : 0};
-  colours = {begin + appearance.size(), kColourChange, shape.colours ? n : 0};
-  transient = {begin + appearance.size() + colours.size(), shape.transient,
-               shape.transient > 0 ? n : 0};
+  moments = shape.moments;
+  photo_moments = shape.photo_moments;
+  cameras = shape.cameras;
+  photo_cameras = shape.photo_cameras;
+  const auto place = [&](int numbers, size_t rows) {
+    const LinearWeights table{begin, numbers, numbers > 0 ? static_cast<int>(rows) : 0};
+    begin += table.size();
+    return table;
+  };
+  appearance = place(shape.appearance, photos.size());
+  colours = place(kColourChange, shape.colours ? photos.size() : 0);
+  transient = place(shape.transient, photos.size());
+  deformation = place(shape.deformation, moments.size());
+  plane = place(shape.plane, moments.size());
+  camera = place(shape.camera, cameras.size());
 }
 
 CodeShape CodeBooks::shape() const {
-  return {appearance.out > 0 ? appearance.in : 0, colours.out > 0, photos,
-          transient.out > 0 ? transient.in : 0};
+  const auto numbers = [](const LinearWeights& table) { return table.out > 0 ? table.in : 0; };
+  return {numbers(appearance),  colours.out > 0, photos,       numbers(transient),
+          numbers(deformation), numbers(plane),  moments,      photo_moments,
+          numbers(camera),      cameras,         photo_cameras};
+}
+
+size_t CodeBooks::size() const {
+  size_t sum = 0;
+  for (const LinearWeights* table :
+       {&appearance, &colours, &transient, &deformation, &plane, &camera})
+    sum += table->size();
+  return sum;
+}
+
+namespace {
+
+// Where a time lies: between two moments, at `share` of the way.
+struct Between {
+  size_t low, high;
+  double share;
+};
+Between between(std::span<const double> moments, double time) {
+  NERF_CHECK(!moments.empty());
+  const auto at = std::lower_bound(moments.begin(), moments.end(), time);
+  const size_t high = std::min(static_cast<size_t>(at - moments.begin()), moments.size() - 1);
+  if (high == 0 || moments[high] <= time) return {high, high, 0};
+  return {high - 1, high, (time - moments[high - 1]) / (moments[high] - moments[high - 1])};
+}
+
+std::vector<Real> blended(std::span<const Real> a, std::span<const Real> b, double share) {
+  std::vector<Real> out(a.begin(), a.end());
+  for (size_t i = 0; i < out.size() && share > 0; ++i)
+    out[i] = static_cast<Real>((1 - share) * static_cast<double>(a[i]) +
+                               share * static_cast<double>(b[i]));
+  return out;
+}
+
+// Of the rows that are chosen.
+template <class Chosen>
+std::vector<Real> mean_row(const LinearWeights& table, std::span<const Real> weights,
+                           const Chosen& chosen) {
+  std::vector<double> sums(static_cast<size_t>(table.in));
+  int count = 0;
+  for (int p = 0; p < table.out; ++p) {
+    if (!chosen(p)) continue;
+    ++count;
+    const auto from = row(table, weights, p);
+    for (size_t i = 0; i < sums.size(); ++i) sums[i] += static_cast<double>(from[i]);
+  }
+  std::vector<Real> out;
+  for (const double sum : sums) out.push_back(static_cast<Real>(sum / std::max(count, 1)));
+  return out;
+}
+
+constexpr auto kAll = [](int) { return true; };
+
+void append(std::vector<Real>& to, std::span<const Real> numbers) {
+  to.insert(to.end(), numbers.begin(), numbers.end());
+}
+
+}  // namespace
+
+std::vector<Real> numbers_at(const LinearWeights& table, std::span<const double> moments,
+                             std::span<const Real> weights, double time) {
+  const Between at = between(moments, time);
+  return blended(row(table, weights, static_cast<int>(at.low)),
+                 row(table, weights, static_cast<int>(at.high)), at.share);
 }
 
 std::array<Real, 3> Appearance::changed(const Real rgb[3], Real opacity,
@@ -54,25 +129,38 @@ std::array<Real, 3> Appearance::changed(const Real rgb[3], Real opacity,
 Appearance appearance_of(const CodeBooks& books, std::span<const Real> weights, int photo) {
   NERF_CHECK(photo >= 0 && photo < books.rows());
   Appearance out;
-  const auto copy = [&](const LinearWeights& table, std::vector<Real>& to) {
-    if (table.out == 0) return;
-    const auto from = row(table, weights, photo);
-    to.assign(from.begin(), from.end());
-  };
-  copy(books.appearance, out.code);
-  copy(books.colours, out.colours);
+  if (books.appearance.out > 0) append(out.code, row(books.appearance, weights, photo));
+  if (books.camera.out > 0)
+    append(out.code, row(books.camera, weights, books.photo_cameras[static_cast<size_t>(photo)]));
+  if (books.colours.out > 0) append(out.colours, row(books.colours, weights, photo));
   return out;
 }
 
 Appearance mean_appearance(const CodeBooks& books, std::span<const Real> weights) {
   Appearance out;
-  if (books.appearance.out == 0) return out;
-  std::vector<double> sums(static_cast<size_t>(books.appearance.in));
-  for (int p = 0; p < books.rows(); ++p) {
-    const auto from = row(books.appearance, weights, p);
-    for (size_t i = 0; i < sums.size(); ++i) sums[i] += static_cast<double>(from[i]);
+  if (books.appearance.out > 0) append(out.code, mean_row(books.appearance, weights, kAll));
+  if (books.camera.out > 0) append(out.code, mean_row(books.camera, weights, kAll));
+  return out;
+}
+
+Appearance appearance_at(const CodeBooks& books, std::span<const Real> weights, double time,
+                         int camera) {
+  Appearance out;
+  if (books.appearance.out > 0) {
+    const Between at = between(books.moments, time);
+    const auto of_moment = [&](size_t moment) {
+      return mean_row(books.appearance, weights, [&](int photo) {
+        return books.photo_moments[static_cast<size_t>(photo)] == static_cast<int>(moment);
+      });
+    };
+    append(out.code, blended(of_moment(at.low), of_moment(at.high), at.share));
   }
-  for (const double sum : sums) out.code.push_back(static_cast<Real>(sum / books.rows()));
+  if (books.camera.out > 0) {
+    const auto known = std::ranges::find(books.cameras, camera);
+    append(out.code, mean_row(books.camera, weights, [&](int c) {
+             return known == books.cameras.end() || c == known - books.cameras.begin();
+           }));
+  }
   return out;
 }
 

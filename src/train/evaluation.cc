@@ -148,7 +148,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   render_options.precision = options.precision;
   Evaluation result;
   result.halves = options.fit_light == FitLight::kOn ||
-                  (options.fit_light == FitLight::kAuto && !model.field().codes().empty());
+                  (options.fit_light == FitLight::kAuto && model.field().codes().has_own_light());
   std::set<std::string> used;
   const std::vector<HeldOut> kinds = held_out_kinds(scene);
   for (size_t i = 0; i < views.size(); ++i) {
@@ -161,6 +161,9 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
     const Camera& camera = options.align
                                ? camera_of(model.info(), scene.views[v].name, photos.cameras[v])
                                : photos.cameras[v];
+    if (!result.halves && model.field().codes().camera.out > 0)
+      render_options.appearance.code =
+          model.field().default_code(render_options.time, scene.views[v].ids.camera);
     if (result.halves)
       render_options.appearance =
           fit_appearance(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);

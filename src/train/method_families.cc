@@ -75,6 +75,31 @@ void unused_by_networks(const TrainOptions& options, const Names& given, const S
     out.emplace_back(
         "--recipe-transient-density and --recipe-least-deviation are not used: nothing is "
         "transient (--network-transient-code)");
+  const DeformOptions& deform = options.network.deform;
+  const auto unused = [&](const std::string& name, const char* why) {
+    if (!given.contains(name)) return;
+    OptionField field;
+    field.name = name;
+    out.push_back(option_flag(field) + " is not used: " + why);
+  };
+  if (deform.warp == WarpKind::kNone)
+    for (const char* name :
+         {"network.deform.degrees", "network.deform.depth", "network.deform.width",
+          "network.deform.skip", "recipe.window_steps", "recipe.elastic", "recipe.still"})
+      unused(name, "nothing is warped (--network-deform-warp)");
+  if (!deform.has_sheet())
+    for (const char* name : {"network.deform.sheet_degrees", "network.deform.sheet_depth",
+                             "network.deform.sheet_width"})
+      unused(name, "ambient coordinates are no sheet (--network-deform-slice)");
+  if (deform.slice == Slice::kNone)
+    for (const char* name : {"network.deform.ambient", "network.deform.ambient_degrees",
+                             "recipe.ambient_start", "recipe.ambient_steps"})
+      unused(name, "there are no ambient coordinates (--network-deform-slice)");
+  if (deform.code > 0)
+    unused("network.deform.time_degrees", "moments have numbers (--network-deform-code)");
+  if (scene.points.empty() && options.recipe.still > 0)
+    for (const char* name : {"recipe.still", "recipe.still_points"})
+      unused(name, "the capture has no sparse points");
   if (given.contains("network.last_interval") && options.network.sampling.intervals())
     out.emplace_back("--network-last-interval is not used: samples are intervals");
   if (given.contains("recipe.photo_range") && scene.observations.empty())
@@ -140,7 +165,17 @@ std::string losses_text(const TrainOptions& o) {
   if (r.coarse > 0) out += fmt::format(", {} of coarse levels", r.coarse);
   if (r.interlevel > 0) out += fmt::format(", interlevel {}", r.interlevel);
   if (r.distortion > 0) out += fmt::format(", distortion {}", r.distortion);
+  if (r.elastic > 0) out += fmt::format(", elastic {}", r.elastic);
+  if (r.still > 0) out += fmt::format(", still points {}", r.still);
   return out;
+}
+
+std::string space_text(const NetworkOptions& n) {
+  if (!n.deform.any()) return name_of(n.space);
+  std::string out = name_of(n.deform.warp);
+  if (n.deform.slice != Slice::kNone)
+    out += fmt::format(" + {} {}", name_of(n.deform.slice), n.deform.ambient);
+  return out + (n.deform.code > 0 ? " of moments" : " of time");
 }
 
 MethodLine network_line(const MethodRow& row) {
@@ -154,7 +189,7 @@ MethodLine network_line(const MethodRow& row) {
   if (!n.shared) networks = fmt::format("{}x{} + ", n.proposal_depth, n.proposal_width) + networks;
   return {row.name,
           name_of(n.cast),
-          name_of(n.space),
+          space_text(n),
           fmt::format("{} {}/{}", name_of(n.encoding), n.position_degrees, n.direction_degrees),
           samples,
           name_of(n.sampling.resampling),

@@ -107,6 +107,63 @@ void nerfw_paper(TrainOptions& o) {
   o.recipe.photo_range = true;
 }
 
+// albertpumarola/D-NeRF, run_dnerf.py, run_dnerf_helpers.py and configs/lego.txt.
+void dnerf_paper(TrainOptions& o) {
+  nerf_paper(o);
+  NetworkOptions& n = o.network;
+  n.shared = true;
+  n.deform.warp = WarpKind::kTranslation;
+  n.deform.degrees = n.deform.time_degrees = 10;
+  n.deform.depth = 8;
+  n.deform.width = 256;
+  n.deform.skip = 6;
+  n.deform.code = 0;
+  n.deform.still_start = true;
+  o.steps = 800000;
+  o.final_rate = 0.0251188643;  // 0.1^(800 / 500)
+  o.recipe.rays = 500;
+  o.recipe.coarse = 0;
+  o.recipe.curriculum_steps = 10000;
+  o.recipe.epsilon = 1e-8;
+}
+
+// google/nerfies, configs/gpu_quarterhd.gin and nerfies/{models,modules,warping,training}.py.
+void nerfies_paper(TrainOptions& o) {
+  NetworkOptions& n = o.network;
+  n.position_degrees = 8;
+  n.sampling.coarse = n.sampling.fine = 128;
+  n.density = DensityActivation::kSoftplus;
+  n.image_code = 8;
+  n.camera_code = 2;
+  n.code_spread = 0.0144337567_r;  // of even numbers in a range of 0.05
+  n.deform.warp = WarpKind::kSe3;
+  o.steps = 250000;
+  o.rate = 1e-3;
+  o.final_rate = 0.1;
+  o.warmup_steps = 0;
+  o.hold = 0;
+  o.recipe.rays = 6144;
+  o.recipe.epsilon = 1e-8;
+  o.recipe.window_steps = 80000;
+  o.recipe.elastic = 0.01_r;
+  o.recipe.elastic_steps = 50000;
+  o.recipe.elastic_fall_steps = 100000;
+  o.recipe.still = 1;
+}
+
+// google/hypernerf, configs/hypernerf_vrig_ds_2d.gin and hypernerf/{models,modules}.py.
+void hypernerf_paper(TrainOptions& o) {
+  nerfies_paper(o);
+  NetworkOptions& n = o.network;
+  n.image_code = n.camera_code = 0;
+  n.deform.degrees = 6;
+  n.deform.slice = Slice::kSheet;
+  o.recipe.ambient_start = 1000;
+  o.recipe.ambient_steps = 10000;
+  o.recipe.elastic = 0;
+  o.recipe.elastic_steps = o.recipe.elastic_fall_steps = 0;
+}
+
 using internal::kGridFamily;
 using internal::kNetworkFamily;
 constexpr MethodRow kRows[] = {
@@ -115,7 +172,26 @@ constexpr MethodRow kRows[] = {
     {"mipnerf", "Barron et al. 2021", &kNetworkFamily, mipnerf_paper},
     {"mipnerf360", "Barron et al. 2022", &kNetworkFamily, mipnerf360_paper},
     {"nerfw", "Martin-Brualla et al. 2021", &kNetworkFamily, nerfw_paper},
+    {"dnerf", "Pumarola et al. 2021", &kNetworkFamily, dnerf_paper},
+    {"nerfies", "Park et al. 2021", &kNetworkFamily, nerfies_paper},
+    {"hypernerf", "Park et al. 2021b", &kNetworkFamily, hypernerf_paper},
 };
+
+// The same of what moves: a plan of minutes is a thirtieth, or a hundredth, of the paper's.
+void shrink_motion(TrainOptions& o, int width, int share) {
+  DeformOptions& d = o.network.deform;
+  if (!d.any()) return;
+  d.width = width;
+  d.depth = 6;
+  d.skip = std::min(d.skip, d.depth);
+  d.sheet_width = width / 2;
+  NetworkRecipe& r = o.recipe;
+  for (int* steps : {&r.window_steps, &r.ambient_start, &r.ambient_steps, &r.elastic_steps,
+                     &r.elastic_fall_steps})
+    *steps /= share;
+  r.curriculum_steps = std::min(r.curriculum_steps, 20000 / share);
+  r.still_points = 512;
+}
 
 // What a smaller preset changes: widths, samples and rays, so that a step takes a fraction of a
 // second, and a rate and a schedule for thousands of steps instead of hundreds of thousands.
@@ -169,9 +245,14 @@ TrainOptions internal::options_of(const MethodRow& row, Scale scale) {
   row.paper(o);
   if (row.family->one_preset) return o;
   // Narrow networks take so many more steps in the same time that they win (docs/benchmarks.md).
-  if (scale == Scale::kSmall) shrink(o, 96, 256);
+  if (scale == Scale::kSmall) {
+    shrink(o, 96, 256);
+    shrink_motion(o, 64, 10);
+  }
   if (scale == Scale::kTiny) {
     shrink(o, 64, 256);
+    shrink_motion(o, 64, 40);
+    o.network.deform.depth = 4;
     o.network.depth = o.network.proposal_depth = 4;
   }
   return o;

@@ -25,17 +25,11 @@ NetworkLosses losses_of(const NetworkRecipe& r) {
       r.coarse,          r.interlevel,
       r.distortion,      r.charbonnier > 0 ? PixelLoss::charbonnier(r.charbonnier) : PixelLoss(),
       r.density_noise,   r.negligible,
-      r.least_deviation, r.transient_density};
+      r.least_deviation, r.transient_density,
+      r.elastic > 0};
 }
 
 namespace {
-
-// Behind photos with alpha is the background: nothing there must be opaque.
-NetworkOptions network_of(const Scene& scene, const TrainOptions& o) {
-  NetworkOptions network = o.network;
-  network.opaque_end = network.opaque_end && !scene.alpha;
-  return network;
-}
 
 // The mean camera of the training views, as NeRF's load_llff.py averages them.
 NdcFrame ndc_frame(const Scene& scene, const PhotoSet& photos) {
@@ -93,15 +87,21 @@ uint64_t NetworkTrainer::memory_bytes(const TrainOptions& o, bool /*unbounded*/,
 NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o,
                                ThreadPool& t)
     : TrainerImpl(s, p, o, t, {Rise::kQuarterSine, Fall::kExponential, o.recipe.warmup_rate}),
+      moments(s),
       ranges(ranges_of_views(s, o)),
-      field(network_of(s, o), range_of_field(s, o, ranges).near, range_of_field(s, o, ranges).far,
-            source.files()),
+      field(codes_for(options_for(o.network, o.method, s, moments), moments, source),
+            options_for(o.network, o.method, s, moments), range_of_field(s, o, ranges).near,
+            range_of_field(s, o, ranges).far),
+      still(s, field, o.recipe, t.size()),
       rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field.options), o.recipe.rays)),
       rays(static_cast<size_t>(o.recipe.rays)),
       drawn(rays.size()) {
   std::vector<ParameterSection> sections;
   if (field.weights.size() > field.network_size())
     sections.push_back({"the photos' codes", field.network_size(), field.weights.size()});
+  const DeformNetworks& deform = field.networks.back().deform;
+  if (deform.end > deform.begin)
+    sections.push_back({"the warp", deform.begin, deform.end, o.recipe.clip});
   for (size_t k = 0; k < field.networks.size(); ++k)
     sections.push_back({"network " + std::to_string(k + 1), field.networks[k].begin,
                         field.networks[k].end, o.recipe.clip});
@@ -113,6 +113,12 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   field.initialise(seed());
   dense->pack(options.precision, pool);
   workers = make_workers(losses_of(o.recipe));
+  still.use_packs(&dense->packs());
+  open_windows();
+}
+
+void NetworkTrainer::open_windows() {
+  field.windows = windows_at(field.options, options.recipe, done);
 }
 
 NetworkTrainer::Workers NetworkTrainer::make_workers(const NetworkLosses& losses) const {
@@ -129,77 +135,6 @@ void NetworkTrainer::check_open() const {
   if (options.network.transient_code > 0)
     throw Error("a step whose pixels show transient matter has no loss but its own",
                 "Trainer::begin_step", "train with --network-transient-code 0, or call step()");
-}
-
-std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay& out) const {
-  const NetworkRecipe& recipe = options.recipe;
-  const auto sampled = [&](const Ray& ray) {
-    const auto cast = sampled_ray(field, ray);
-    if (cast) out = *cast;
-    return cast ? std::optional(ray) : std::nullopt;
-  };
-  if (!given.empty()) return sampled(given[i]);
-  const size_t photo = static_cast<size_t>(
-      Random(seed(), static_cast<uint64_t>(done), random_key(RandomStream::kPhotoOfStep))
-          .below(static_cast<uint64_t>(source.photos())));
-  const bool from_one = recipe.one_photo || done < recipe.crop_steps;
-  const double share = done < recipe.crop_steps ? recipe.crop : 1;
-  PixelSource::Pixel pixel;
-  constexpr int kMostTries = 64;  // of pixels that are masked out or have no ray
-  bool found = false;
-  for (int tries = 0; tries < kMostTries && !found; ++tries)
-    found = from_one ? source.draw_from(photo, random, share, pixel) : source.draw(random, pixel);
-  if (!found) return std::nullopt;
-  Ray& ray = pixel.ray;
-  ray.radius = cast_radius(field, *pixel.camera, *pixel.pose, pixel.centre());
-  ray.background = scene.alpha ? background_of(options, scene) : Vec3{0, 0, 0};
-  const auto cast = sampled(ray);
-  out.scale = pixel.weight;
-  if (!ranges.empty()) {
-    const SampleRange& own = ranges[static_cast<size_t>(scene.train[pixel.source])];
-    out.near = static_cast<Real>(own.near);
-    out.far = static_cast<Real>(own.far);
-  }
-  for (int k = 0; k < 3; ++k)
-    out.target[k] = pixel.rgb[k] * pixel.alpha + ray.background[k] * (1 - pixel.alpha);
-  return cast;
-}
-
-void NetworkTrainer::draw() {
-  constexpr int64_t kBlock = 64;
-  rays.resize(given.empty() ? static_cast<size_t>(options.recipe.rays) : given.size());
-  drawn.resize(rays.size());
-  lines.resize(open ? rays.size() : 0);
-  const int64_t n = static_cast<int64_t>(rays.size());
-  pool.parallel_for((n + kBlock - 1) / kBlock, [&](int64_t block) {
-    for (int64_t at = block * kBlock; at < std::min(n, (block + 1) * kBlock); ++at) {
-      const size_t i = static_cast<size_t>(at);
-      Random random(seed(), static_cast<uint64_t>(done), static_cast<uint64_t>(i));
-      NetworkRay cast;
-      cast.scale = 1;
-      const auto line = draw_ray(i, random, cast);
-      drawn[i] = line.has_value();
-      rays[i] = line ? cast : NetworkRay{};
-      rays[i].random = random;
-      if (open && line) lines[i] = *line;
-    }
-  });
-  // Those without a pixel repeat the first that has one, at no weight.
-  const auto first = std::ranges::find(drawn, uint8_t{1});
-  double weight = 0;
-  for (size_t i = 0; i < rays.size(); ++i)
-    if (drawn[i]) weight += static_cast<double>(rays[i].scale);
-  const Real scale = static_cast<Real>(1 / (3 * std::max(weight, 1.0)));
-  for (size_t i = 0; i < rays.size(); ++i) {
-    if (drawn[i]) {
-      rays[i].scale *= scale;
-    } else if (first != drawn.end()) {
-      const Random random = rays[i].random;
-      rays[i] = rays[static_cast<size_t>(first - drawn.begin())];
-      rays[i].random = random;
-      rays[i].scale = 0;
-    }
-  }
 }
 
 Real NetworkTrainer::exponent() const {
@@ -278,10 +213,12 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
   const int64_t chunks = (static_cast<int64_t>(rays.size()) + rays_per_chunk - 1) / rays_per_chunk;
   const int64_t count = dense->accumulators();
   const int64_t per = (chunks + count - 1) / count;
-  const Real exponent = this->exponent();
+  const int64_t still_per = (still.chunks() + count - 1) / count;
+  const Real exponent = this->exponent(), elastic = elastic_at(options.recipe, done);
   const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
     NetworkLevels& levels = *(open ? given_workers : workers)[static_cast<size_t>(thread)];
+    levels.weigh_elastic(elastic);
     Real* const gradient = dense->begin_sum(a);
     Sums& s = sums[static_cast<size_t>(a)];
     s = {};
@@ -303,6 +240,8 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
         s.opacity += static_cast<double>(opacity);
       }
     }
+    for (int64_t c = a * still_per; c < std::min(still.chunks(), (a + 1) * still_per); ++c)
+      s.loss += still.backward(seed(), done, c, thread, gradient);
   });
 
   HeadSums out;
@@ -345,8 +284,11 @@ void NetworkTrainer::begin_anew() {
   dense->pack(options.precision, pool);
 }
 
+// With what is open by now.
 RadianceField NetworkTrainer::snapshot(ModelInfo info) const {
-  return RadianceField(std::move(info), std::make_shared<NetworkField>(field));
+  auto copy = std::make_shared<NetworkField>(field);
+  copy->windows = windows_at(field.options, options.recipe, done);
+  return RadianceField(std::move(info), std::move(copy));
 }
 
 namespace {

@@ -8,7 +8,9 @@
 #include "nerf/base/aligned.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/network_levels.h"
+#include "train/capture_moments.h"
 #include "train/sample_range.h"
+#include "train/still_points.h"
 #include "train/trainer_impl.h"
 
 namespace nerf {
@@ -45,8 +47,13 @@ struct NetworkTrainer final : TrainerImpl {
   std::optional<Ray> draw_ray(size_t i, Random& random, NetworkRay& out) const;
   void set_gradient(size_t first_ray, size_t count, NetworkLevels& levels) const;
 
+  // Sets what changes from step to step beside the weights: windows, and the weights of losses.
+  void open_windows();
+
+  CaptureMoments moments;
   std::vector<SampleRange> ranges;  // of each view's rays; empty: the field's
   NetworkField field;
+  StillPoints still;
   int rays_per_chunk;
   Workers workers, given_workers;  // of the method's loss, and of the caller's
   std::vector<NetworkRay> rays;

@@ -82,7 +82,7 @@ Appearance fit_appearance(const RadianceField& field, const Camera& camera,
                           const Pose& camera_to_world, const Photo& photo,
                           const RenderOptions& options, ThreadPool& pool, const Cancel* cancel) {
   const CodeBooks& books = field.field().codes();
-  if (books.appearance.out == 0 && books.colours.out == 0) return {};
+  if (books.light() == 0 && books.colours.out == 0) return {};
   std::vector<Appearance> learnt;
   for (int p = 0; p < books.rows(); ++p)
     learnt.push_back(appearance_of(books, field.field().all_weights(), p));

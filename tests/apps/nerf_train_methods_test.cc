@@ -22,7 +22,10 @@ TEST_F(NerfTrainMethods, TrainAndRender) {
   for (const std::string& method : method_names()) {
     if (method == kGridMethod) continue;
     SCOPED_TRACE(method);
-    const ProgramResult result = train(of_method(method, {"--steps", "5", "--overwrite"}));
+    Arguments more = {"--steps", "5", "--overwrite"};
+    if (method_options(method, Scale::kTiny).network.deform.any())
+      more.insert(more.end(), {"--times", "frame"});  // learns what moves
+    const ProgramResult result = train(of_method(method, more));
     ASSERT_EQ(result.exit_code, 0) << result.err;
     const auto json = nlohmann::json::parse(file("result.json"));
     EXPECT_EQ(json["steps"], 5);

@@ -147,9 +147,11 @@ TEST(TrainOptionsText, AMethodIsToldWhatItDoesNotRead) {
       return std::vector<std::string>{flag + " is not used by --method " + method};
     };
     EXPECT_EQ(by_grid, papers ? refused("grid") : none) << flag;
-    // What needs another option, or sparse points.
+    // What needs another option, a warp, or sparse points.
     const bool conditional = std::ranges::any_of(
-        std::array{"anneal", "recipe.photo_range", "transient_density", "least_deviation"},
+        std::array{"anneal", "recipe.photo_range", "transient_density", "least_deviation",
+                   "network.deform.", "recipe.window", "recipe.ambient", "recipe.elastic",
+                   "recipe.still"},
         [&](const char* part) { return field.name.find(part) != std::string::npos; });
     if (!conditional) {
       EXPECT_EQ(by_nerf, grids ? refused("nerf") : none) << flag;

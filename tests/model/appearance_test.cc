@@ -92,7 +92,7 @@ TEST_P(InTheLightOf, PhotosDiffer) {
 
 TEST_P(InTheLightOf, WithoutAPhotoItIsTheFieldsOwn) {
   Appearance own;
-  own.code = field.field().default_code();
+  own.code = field.field().default_code(0);
   EXPECT_EQ(own.code.size(), 6u);
   EXPECT_EQ(colours(field, {}), colours(field, own));
 }

@@ -26,6 +26,7 @@ NetworkOptions tiny(NetworkOptions o) {
   o.bottleneck = 3;
   o.view_width = 6;
   o.transient_width = 5;
+  o.deform.width = o.deform.sheet_width = 8;
   o.sampling.coarse = 4;
   o.sampling.fine = 5;
   return o;
@@ -59,7 +60,12 @@ LevelGiven level_given(const NetworkLevels& levels, int level) {
     out.inputs.target = columns(t.pixel_loss.target);
     out.inputs.scale = columns(t.pixel_loss.scale);
     if (t.photo >= 0) out.inputs.photo = columns(t.photo);
+    if (t.camera >= 0) out.inputs.camera = columns(t.camera);
   }
+  if (t.deform.time >= 0) out.inputs.time = columns(t.deform.time);
+  if (t.deform.moment >= 0) out.inputs.moment = columns(t.deform.moment);
+  if (t.deform.moving >= 0) out.inputs.moving = columns(t.deform.moving);
+  if (t.deform.elastic_scale >= 0) out.inputs.elastic_scale = columns(t.deform.elastic_scale);
   out.rays.assign(c.ray_begin, c.ray_begin + c.rays + 1);
   for (int r = 0; r < c.rays; ++r) {
     out.edges.emplace_back();
@@ -97,7 +103,8 @@ Columns<T> loss_of_levels(const NetworkField& field, const NetworkLosses& losses
         field.options, field.network_of(static_cast<int>(l)), weights,
         {in_type<T>(in.position), in_type<T>(in.variance), in_type<T>(in.directions),
          in_type<T>(in.delta), in_type<T>(in.background), in_type<T>(in.target),
-         in_type<T>(in.scale), in_type<T>(in.photo)},
+         in_type<T>(in.scale), in_type<T>(in.photo), in_type<T>(in.camera), in_type<T>(in.time),
+         in_type<T>(in.moment), in_type<T>(in.moving), in_type<T>(in.elastic_scale), field.windows},
         given[l].rays,
         {.pixel = losses.pixel,
          .transient = l + 1 == given.size(),
@@ -154,7 +161,26 @@ std::vector<MethodCase> methods() {
   MethodCase weighed = nerfw;  // a loss on the weights of what is not transient
   weighed.name = "nerfw_distortion";
   weighed.losses.distortion = 0.3_r;
-  return {nerf, mipnerf, mipnerf360, nerfw, weighed};
+  MethodCase dnerf{"dnerf", tiny(test::dnerf_options()), {}};
+  dnerf.options.density_bias = 1;
+  dnerf.losses.coarse = 0;  // one network, whose first level gives weights alone
+  MethodCase nerfies{"nerfies", tiny(test::nerfies_options()), {}};
+  nerfies.losses.elastic = true;
+  MethodCase sheet{"hypernerf_sheet", tiny(test::hypernerf_options()), {}};
+  MethodCase plane = sheet;
+  plane.name = "hypernerf_plane";
+  plane.options.deform.slice = Slice::kPlane;
+  return {nerf, mipnerf, mipnerf360, nerfw, weighed, dnerf, nerfies, sheet, plane};
+}
+
+// Of two photos of two moments, by two cameras.
+CodeShape codes_of(const NetworkOptions& o) {
+  CodeShape codes = code_shape(o, {"a", "b"});
+  codes.moments = {0, 0.5};
+  codes.photo_moments = {0, 1};
+  codes.cameras = {1, 2};
+  codes.photo_cameras = {0, 1};
+  return codes;
 }
 
 TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
@@ -162,11 +188,14 @@ TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
     SCOPED_TRACE(method.name);
     WorstError loss(method.name + "_loss"), element(method.name + "_backward"),
         norm(method.name + "_norm");
-    NetworkField field(method.options, 1, 4, {"a", "b"});
+    NetworkField field(codes_of(method.options), method.options, 1, 4);
+    field.windows = {1.25, 0.5};  // within a frequency
     for_each_target([&](const std::string&) {
       // Weights as the generic test draws them; there is no tape of which it could be one's input.
       TapeUnderTest of_weights{nullptr, {}, {}, field.layers(), {}, 900, 1, 0.5};
-      for (const LinearWeights* table : {&field.books.appearance, &field.books.transient})
+      for (const LinearWeights* table :
+           {&field.books.appearance, &field.books.transient, &field.books.deformation,
+            &field.books.plane, &field.books.camera})
         if (table->out > 0) of_weights.layers.push_back(*table);
       const Rays no_rays{0};
       const gradient_check::Problem problem(of_weights, no_rays, 4);
@@ -174,9 +203,14 @@ TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
         field.weights[i] = static_cast<Real>(problem.weights[i]);
 
       std::vector<NetworkRay> rays = test::some_rays(kRays, 2);
-      for (int r = 0; r < kRays; ++r) rays[static_cast<size_t>(r)].photo = r;
+      for (int r = 0; r < kRays; ++r) {
+        NetworkRay& ray = rays[static_cast<size_t>(r)];
+        ray.photo = ray.moment = ray.camera = r;
+        ray.time = 0.5_r * static_cast<Real>(r);
+      }
       const std::vector<NetworkRay> before = rays;
       NetworkLevels levels(field, kRays, true, method.losses);
+      levels.weigh_elastic(0.002_r);  // beside the pixels' terms, whose bound it shares
       levels.forward(rays, 1);
       std::vector<LevelGiven> given;
       for (int l = 0; l < levels.levels(); ++l) given.push_back(level_given(levels, l));

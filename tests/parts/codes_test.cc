@@ -90,5 +90,59 @@ TEST(Appearance, ChangesWhatStandsBeforeTheBackground) {
             (std::array<Real, 3>{0.75_r, 0.5_r, 0.625_r}));
 }
 
+// Books of three moments, of two photos of the first and one of each other, and of two cameras,
+// numbered 7 and 3: row r of every table has numbers 10 r + k.
+struct Moving {
+  CodeBooks books;
+  std::vector<Real> weights;
+
+  Moving() {
+    CodeShape shape{2, false, {"a", "b", "c", "d"}};
+    shape.deformation = 3;
+    shape.plane = 2;
+    shape.moments = {0, 0.25, 1};
+    shape.photo_moments = {0, 0, 1, 2};
+    shape.camera = 2;
+    shape.cameras = {7, 3};
+    shape.photo_cameras = {0, 1, 1, 0};
+    books = CodeBooks(shape, kBegin);
+    weights.assign(kBegin + books.size(), 99);
+    for (const LinearWeights* book :
+         {&books.appearance, &books.deformation, &books.plane, &books.camera})
+      for (int row = 0; row < book->out; ++row)
+        for (int k = 0; k < book->in; ++k)
+          weights[book->offset + static_cast<size_t>(row * weight_stride(book->in) + k)] =
+              static_cast<Real>(10 * row + k);
+  }
+  std::vector<Real> at(double time) const {
+    return numbers_at(books.deformation, books.moments, weights, time);
+  }
+};
+
+TEST(Moments, NumbersAreBlendedBetweenThem) {
+  const Moving m;
+  EXPECT_EQ(m.books.shape().moments, m.books.moments);
+  EXPECT_EQ(m.books.size(), m.weights.size() - kBegin);
+  EXPECT_EQ(m.at(0), (std::vector<Real>{0, 1, 2}));
+  EXPECT_EQ(m.at(0.25), (std::vector<Real>{10, 11, 12}));
+  EXPECT_EQ(m.at(1), (std::vector<Real>{20, 21, 22}));
+  EXPECT_EQ(m.at(0.125), (std::vector<Real>{5, 6, 7}));
+  EXPECT_EQ(m.at(0.4375), (std::vector<Real>{12.5_r, 13.5_r, 14.5_r}));
+  EXPECT_EQ(m.at(-1), m.at(0));
+  EXPECT_EQ(m.at(2), m.at(1));
+}
+
+TEST(Moments, LightFollowsTimeAndTheCamera) {
+  const Moving m;
+  EXPECT_FALSE(m.books.has_own_light());
+  EXPECT_EQ(m.books.light(), 4);
+  EXPECT_EQ(appearance_of(m.books, m.weights, 2).code, (std::vector<Real>{20, 21, 10, 11}));
+  EXPECT_EQ(appearance_at(m.books, m.weights, 0, 7).code, (std::vector<Real>{5, 6, 0, 1}));
+  EXPECT_EQ(appearance_at(m.books, m.weights, 0.125, 3).code,
+            (std::vector<Real>{12.5_r, 13.5_r, 10, 11}));
+  EXPECT_EQ(appearance_at(m.books, m.weights, 1, -1).code, (std::vector<Real>{30, 31, 5, 6}));
+  EXPECT_EQ(appearance_at(m.books, m.weights, 1, 4).code, (std::vector<Real>{30, 31, 5, 6}));
+}
+
 }  // namespace
 }  // namespace nerf

@@ -55,6 +55,39 @@ inline NetworkOptions nerfw_options() {
   return o;
 }
 
+inline NetworkOptions dnerf_options() {
+  NetworkOptions o;
+  o.shared = true;
+  o.deform.warp = WarpKind::kTranslation;
+  o.deform.degrees = 10;
+  o.deform.depth = 8;
+  o.deform.width = 256;
+  o.deform.skip = 6;
+  o.deform.code = 0;
+  o.deform.still_start = true;
+  return o;
+}
+
+inline NetworkOptions nerfies_options() {
+  NetworkOptions o;
+  o.position_degrees = 8;
+  o.sampling.coarse = o.sampling.fine = 128;
+  o.density = DensityActivation::kSoftplus;
+  o.image_code = 8;
+  o.camera_code = 2;
+  o.code_spread = 0.0144337567_r;
+  o.deform.warp = WarpKind::kSe3;
+  return o;
+}
+
+inline NetworkOptions hypernerf_options() {
+  NetworkOptions o = nerfies_options();
+  o.image_code = o.camera_code = 0;
+  o.deform.degrees = 6;
+  o.deform.slice = Slice::kSheet;
+  return o;
+}
+
 inline NetworkOptions small_network(NetworkOptions o) {
   o.depth = 3;
   o.skip = 1;
@@ -65,6 +98,12 @@ inline NetworkOptions small_network(NetworkOptions o) {
   if (o.transient_code > 0) o.transient_code = 2;
   o.transient_depth = 2;
   o.transient_width = 6;
+  o.deform.depth = o.deform.sheet_depth = 2;
+  o.deform.skip = 2;
+  o.deform.width = o.deform.sheet_width = 16;
+  o.deform.degrees = o.deform.sheet_degrees = 2;
+  if (o.deform.code > 0) o.deform.code = 3;
+  o.deform.time_degrees = 2;
   o.proposal_depth = 2;
   o.position_degrees = 2;
   o.direction_degrees = 1;

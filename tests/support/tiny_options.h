@@ -1,6 +1,7 @@
 // For tests: options with which a step takes milliseconds, and everything that steps wrote.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -8,6 +9,7 @@
 #include "nerf/base/file.h"
 #include "nerf/train/methods.h"
 #include "nerf/train/trainer.h"
+#include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
 
 namespace nerf::test {
@@ -43,6 +45,17 @@ inline TrainOptions tiny_method_options(const std::string& method, int64_t steps
   o.recipe.rays = 96;
   o.recipe.crop_steps = 3;
   o.recipe.anneal_steps = 0;
+  DeformOptions& d = o.network.deform;
+  d.depth = d.sheet_depth = 2;
+  d.skip = 2;
+  d.width = d.sheet_width = 16;
+  d.degrees = d.sheet_degrees = 3;
+  d.time_degrees = 3;
+  o.recipe.curriculum_steps = std::min(o.recipe.curriculum_steps, 6);
+  o.recipe.window_steps = std::min(o.recipe.window_steps, 40);
+  o.recipe.ambient_start = std::min(o.recipe.ambient_start, 4);
+  o.recipe.ambient_steps = std::min(o.recipe.ambient_steps, 20);
+  o.recipe.still_points = 300;
   // The sphere is 2.3 away: of the paper's distances in inverse depth it would fill one of 32. At
   // the others' rate some seeds stay blank, which run_training() would answer with another salt.
   if (o.recipe.far > 0) {
@@ -51,6 +64,21 @@ inline TrainOptions tiny_method_options(const std::string& method, int64_t steps
     o.recipe.far = 100;
   }
   return o;
+}
+
+// What a method can be trained on: the sphere, for those of scenes that move at a moment of its own
+// in each photo, by two cameras, with points on it that stand still.
+inline SyntheticCapture capture_of(const std::string& method, int views = 6, int size = 32) {
+  SyntheticCapture c = sphere_capture(views, size);
+  if (!method_options(method, Scale::kTiny).network.deform.any()) return c;
+  for (int i = 0; i < views; ++i) {
+    View& view = c.scene.views[static_cast<size_t>(i)];
+    view.time = static_cast<double>(i) / (views - 1);
+    view.ids = {i, i, i % 2};
+    c.scene.points.push_back(
+        {spiral_pose(i, views).translation * (kSphereRadius / kCameraDistance), 0.5, 3});
+  }
+  return c;
 }
 
 // The trainer's state as bytes, its options among them.

@@ -84,10 +84,76 @@ void warmed_up(Setting& s) { s.options.recipe.warmup_rate = 0.1; }
 void annealed(Setting& s) { s.options.recipe.anneal = true; }
 // Without a view direction there is no layer that a photo's numbers join.
 void without_codes(Setting& s) {
-  s.options.network.image_code = s.options.network.transient_code = 0;
+  NetworkOptions& n = s.options.network;
+  n.image_code = n.camera_code = n.transient_code = 0;
 }
-void with_codes(Setting& s) { s.options.network.image_code = 4; }
+// Cameras' numbers stand in place of photos'.
+void without_cameras(Setting& s) { s.options.network.camera_code = 0; }
+void with_codes(Setting& s) {
+  without_cameras(s);
+  s.options.network.image_code = 4;
+}
+// Integrated encodings have no points that could be moved.
+void standing(Setting& s) {
+  s.options.network.deform.warp = WarpKind::kNone;
+  s.options.network.deform.slice = Slice::kNone;
+}
 void transient(Setting& s) { s.options.network.transient_code = 4; }
+// Photos of several moments, by two cameras, with points that stand still: what every capture of a
+// scene that moves has.
+void moments(Setting& s) {
+  s.capture.scene.points.clear();
+  const size_t views = s.capture.scene.views.size();
+  for (size_t i = 0; i < views; ++i) {
+    View& view = s.capture.scene.views[i];
+    view.time = static_cast<double>(i) / static_cast<double>(views - 1);
+    view.ids = {static_cast<int>(i), static_cast<int>(i), static_cast<int>(i % 2)};
+    s.capture.scene.points.push_back({{0.1 * static_cast<double>(i) - 0.4, 0.2, 0.1}, 0.5, 3});
+  }
+  // So much that a few steps show it.
+  s.options.recipe.curriculum_steps = 0;
+}
+void two_cameras(Setting& s) {
+  moments(s);
+  s.options.network.view_dependence = true;
+}
+void moves_anywhere(Setting& s) {
+  moments(s);
+  s.options.network.encoding = Encoding::kFrequency;
+  s.options.network.deform.still_start = false;
+}
+void warped(Setting& s) {
+  moves_anywhere(s);
+  DeformOptions& d = s.options.network.deform;
+  if (d.warp == WarpKind::kNone) d.warp = WarpKind::kSe3;
+  if (d.slice == Slice::kNone) d.code = 4;
+}
+void warped_by_time(Setting& s) {
+  warped(s);
+  s.options.network.deform.code = 0;
+}
+void translated(Setting& s) {
+  warped(s);
+  s.options.network.deform.warp = WarpKind::kTranslation;
+}
+void sliced(Setting& s) {
+  warped(s);
+  s.options.network.deform.slice = Slice::kSheet;
+}
+void sliced_in_steps(Setting& s) {
+  sliced(s);
+  s.options.recipe.ambient_steps = 8;
+}
+void elastic_for_steps(Setting& s) {
+  warped(s);
+  s.options.recipe.elastic = 10;
+  s.options.recipe.elastic_steps = 1;
+  s.options.recipe.elastic_fall_steps = 4;
+}
+void held_still(Setting& s) {
+  warped(s);
+  s.options.recipe.still = 10;
+}
 // What photos see is in a part of the distances that samples would have.
 void sampled_by_points(Setting& s) {
   unbounded_with_points(s);
@@ -99,7 +165,10 @@ void intervals(Setting& s) {
   if (!sampling.intervals()) sampling.resampling = Resampling::kBlurred;
 }
 // The levels before the last have a network of their own, or learn colours.
-void own_network(Setting& s) { s.options.network.shared = false; }
+void own_network(Setting& s) {
+  if (s.options.network.shared) s.options.recipe.coarse = std::max(s.options.recipe.coarse, 0.1_r);
+  s.options.network.shared = false;
+}
 void coloured_proposals(Setting& s) {
   s.options.network.proposal_colour = true;
   s.options.recipe.coarse = std::max(s.options.recipe.coarse, 0.1_r);
@@ -184,7 +253,7 @@ const std::vector<Line>& table() {
       {"grid.min_transmittance", {"0.5"}},
       {"network.cast", {"cone", "point"}, intervals},
       {"network.space", {"contract", "identity"}},
-      {"network.encoding", {"integrated", "frequency"}},
+      {"network.encoding", {"integrated", "frequency"}, standing},
       {"network.position_degrees", {"3"}},
       {"network.direction_degrees", {"2"}},
       {"network.view_dependence", {"false"}, without_codes},
@@ -200,7 +269,8 @@ const std::vector<Line>& table() {
       {"network.skip", {"1"}},
       {"network.bottleneck", {"16"}},
       {"network.view_width", {"8"}},
-      {"network.image_code", {"2"}},
+      {"network.image_code", {"2"}, without_cameras},
+      {"network.camera_code", {"4", "2"}, two_cameras},
       {"network.transient_code", {"2"}},
       {"network.transient_depth", {"1"}, transient},
       {"network.transient_width", {"8"}, transient},
@@ -208,6 +278,20 @@ const std::vector<Line>& table() {
       {"network.proposal_depth", {"2"}, own_network},
       {"network.proposal_width", {"16"}, own_network},
       {"network.proposal_colour", {"false", "true"}, bounded_proposals},
+      {"network.deform.warp", {"se3", "translation"}, moves_anywhere},
+      {"network.deform.degrees", {"2"}, warped},
+      {"network.deform.depth", {"3"}, warped},
+      {"network.deform.width", {"8"}, warped},
+      {"network.deform.skip", {"0", "2"}, warped},
+      {"network.deform.code", {"3", "0"}, warped},
+      {"network.deform.time_degrees", {"2"}, warped_by_time},
+      {"network.deform.still_start", {"true", "false"}, translated},
+      {"network.deform.slice", {"plane", "sheet"}, moves_anywhere},
+      {"network.deform.ambient", {"3"}, sliced},
+      {"network.deform.ambient_degrees", {"2"}, sliced},
+      {"network.deform.sheet_degrees", {"2"}, sliced},
+      {"network.deform.sheet_depth", {"3"}, sliced},
+      {"network.deform.sheet_width", {"8"}, sliced},
       {"network.density", {"softplus", "relu"}},
       {"network.density_bias", {"0.5"}},
       {"network.colour_padding", {"0.1"}},
@@ -232,6 +316,15 @@ const std::vector<Line>& table() {
       {"recipe.photo_range", {"true", "false"}, sampled_by_points},
       {"recipe.transient_density", {"1"}, transient},
       {"recipe.least_deviation", {"0.2"}, transient},
+      {"recipe.curriculum_steps", {"30"}, moments},
+      {"recipe.window_steps", {"400"}, warped},
+      {"recipe.ambient_start", {"6"}, sliced_in_steps},
+      {"recipe.ambient_steps", {"400"}, sliced},
+      {"recipe.elastic", {"10"}, warped},
+      {"recipe.elastic_steps", {"2"}, elastic_for_steps},
+      {"recipe.elastic_fall_steps", {"6"}, elastic_for_steps},
+      {"recipe.still", {"10"}, warped},
+      {"recipe.still_points", {"20"}, held_still},
       {"recipe.skip", {"false"}, dense_and_skipping},
       {"recipe.negligible", {"0.25"}, dense},
       {"recipe.anneal", {"true", "false"}},
@@ -265,6 +358,15 @@ constexpr Idle kIdle[] = {
     {"nerfw", "recipe.anneal_steps", "only proposals are annealed"},
     {"nerfw", "recipe.skip", "what is transient may be anywhere"},
     {"nerfw", "recipe.negligible", "what is transient may be anywhere"},
+    {"dnerf", "network.sampling.padding", "coarse+fine samples come from weights as they are"},
+    {"dnerf", "recipe.anneal", "only proposals are annealed"},
+    {"dnerf", "recipe.anneal_steps", "only proposals are annealed"},
+    {"nerfies", "network.sampling.padding", "coarse+fine samples come from weights as they are"},
+    {"nerfies", "recipe.anneal", "only proposals are annealed"},
+    {"nerfies", "recipe.anneal_steps", "only proposals are annealed"},
+    {"hypernerf", "network.sampling.padding", "coarse+fine samples come from weights as they are"},
+    {"hypernerf", "recipe.anneal", "only proposals are annealed"},
+    {"hypernerf", "recipe.anneal_steps", "only proposals are annealed"},
 };
 
 // Whether an option is one of the method's, by the heading that its help stands under.
@@ -297,9 +399,9 @@ class EveryOption : public ::testing::TestWithParam<std::string> {
   static bool grid() { return GetParam() == kGridMethod; }
 
   static Setting usual() {
-    static const test::SyntheticCapture capture = test::sphere_capture(8, 32);
-    Setting s{capture, grid() ? test::tiny_options(kPlanned)
-                              : test::tiny_method_options(GetParam(), kPlanned)};
+    Setting s{
+        test::capture_of(GetParam(), 8, 32),
+        grid() ? test::tiny_options(kPlanned) : test::tiny_method_options(GetParam(), kPlanned)};
     s.options.grid_recipe.batch_samples = 1920;
     s.options.precision = Precision::kF32;
     return s;
@@ -378,7 +480,8 @@ TEST_P(EveryOption, NothingElseChangesThem) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, EveryOption,
-                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw"),
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw",
+                                           "dnerf", "nerfies", "hypernerf"),
                          [](const auto& info) { return info.param; });
 
 TEST(EveryOption, TheTableHasNoOther) {

@@ -19,6 +19,7 @@ namespace nerf {
 namespace {
 
 using test::bits_of;
+using test::capture_of;
 using test::error_of;
 using test::sphere_capture;
 using test::tiny_method_options;
@@ -43,14 +44,14 @@ class NetworkTraining : public ::testing::TestWithParam<std::string> {
 };
 
 TEST_P(NetworkTraining, ThreadsChangeNothing) {
-  const auto c = sphere_capture();
+  const auto c = capture_of(GetParam());
   const auto one = bits_after(c, 1, tiny_method_options(GetParam(), 10), 6);
   EXPECT_EQ(one, bits_after(c, 2, tiny_method_options(GetParam(), 10), 6));
   EXPECT_EQ(one, bits_after(c, 3, tiny_method_options(GetParam(), 10), 6));
 }
 
 TEST_P(NetworkTraining, GoesOnBitForBit) {
-  const auto c = sphere_capture();
+  const auto c = capture_of(GetParam());
   const TrainOptions options = tiny_method_options(GetParam(), 20);
   test::TempFolder folder;
   ThreadPool pool(2);
@@ -72,7 +73,7 @@ TEST_P(NetworkTraining, GoesOnBitForBit) {
 }
 
 TEST_P(NetworkTraining, LearnsTheSphere) {
-  const auto c = sphere_capture(24, 32);
+  const auto c = capture_of(GetParam(), 24, 32);
   ThreadPool pool(2);
   TrainOptions options = tiny_method_options(GetParam(), 1200);
   Trainer trainer(c.scene, c.photos, options, pool);
@@ -103,7 +104,7 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
 
 // The counter of work says what the switches leave out.
 TEST_P(NetworkTraining, SkippingIsCounted) {
-  const auto c = sphere_capture(16, 32);
+  const auto c = capture_of(GetParam(), 16, 32);
   ThreadPool pool(2);
   const auto last_samples = [&](bool skip, Real negligible) {
     TrainOptions o = tiny_method_options(GetParam(), 300);
@@ -127,7 +128,7 @@ TEST_P(NetworkTraining, SkippingIsCounted) {
 
 // What is opaque stays so, and nothing stands in the empty space that imitates white.
 TEST_P(NetworkTraining, LearnsOverBlack) {
-  const auto c = sphere_capture(24, 32);
+  const auto c = capture_of(GetParam(), 24, 32);
   ThreadPool pool(2);
   TrainOptions options = tiny_method_options(GetParam(), 400);
   options.background = Background::kBlack;
@@ -145,8 +146,8 @@ TEST_P(NetworkTraining, LearnsOverBlack) {
 }
 
 // Cameras side by side that all look the same way.
-test::SyntheticCapture forward_facing_capture() {
-  test::SyntheticCapture c = sphere_capture(20, 32);
+test::SyntheticCapture forward_facing_capture(const std::string& method) {
+  test::SyntheticCapture c = capture_of(method, 20, 32);
   for (size_t i = 0; i < c.scene.views.size(); ++i) {
     Pose pose;
     pose.translation = {0.3 * (static_cast<double>(i % 5) - 2),
@@ -159,7 +160,7 @@ test::SyntheticCapture forward_facing_capture() {
 }
 
 TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
-  const auto c = forward_facing_capture();
+  const auto c = forward_facing_capture(GetParam());
   ThreadPool pool(2);
   TrainOptions options = tiny_method_options(GetParam(), 500);
   options.network.space = Space::kNdc;
@@ -180,7 +181,7 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
   expect_alike(frame.rgb, again.rgb);
   expect_alike(frame.depth_z, again.depth_z);
 
-  const auto around = sphere_capture();
+  const auto around = capture_of(GetParam());
   EXPECT_TRUE(
       test::contains(error_of([&] { Trainer wrong(around.scene, around.photos, options, pool); }),
                      "--network-space identity"));
@@ -189,7 +190,7 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
 // Photos of three exposures from the same places, so that the view direction cannot tell them
 // apart: with a code each is learnt as it is. New views have none; the model keeps the photos'.
 TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
-  auto c = sphere_capture(16, 32);
+  auto c = capture_of(GetParam(), 16, 32);
   for (size_t i = 0; i < c.scene.views.size(); ++i) {
     const size_t place = i / 4 * 4;  // the held-out one of the four
     if (i == place) continue;
@@ -203,6 +204,7 @@ TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
   const auto psnr_after = [&](int code) {
     TrainOptions options = tiny_method_options(GetParam(), 1000);
     options.network.image_code = code;
+    options.network.camera_code = 0;  // which would stand in its place
     Trainer trainer(c.scene, c.photos, options, pool);
     double sum = 0;
     trainer.run([&](const StepReport& r) {
@@ -257,7 +259,8 @@ TEST(PixelSource, DrawsTheMiddleOfAPhoto) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, NetworkTraining,
-                         ::testing::Values("nerf", "mipnerf", "mipnerf360", "nerfw"),
+                         ::testing::Values("nerf", "mipnerf", "mipnerf360", "nerfw", "dnerf",
+                                           "nerfies", "hypernerf"),
                          [](const auto& info) { return info.param; });
 
 }  // namespace

@@ -26,7 +26,7 @@ class Rates : public ::testing::TestWithParam<std::string> {
 // outputs are huge and still finite, and so are losses, gradients (health.cc would throw) and
 // pictures.
 TEST_P(Rates, HugeStepsStayFinite) {
-  const auto c = test::sphere_capture();
+  const auto c = test::capture_of(GetParam());
   ThreadPool pool(2);
   Trainer trainer(c.scene, c.photos, options(1), pool);
   for (int i = 0; i < 40; ++i) ASSERT_TRUE(std::isfinite(trainer.step().loss)) << "step " << i;
@@ -37,7 +37,7 @@ TEST_P(Rates, HugeStepsStayFinite) {
 
 // Steps below the weights' last digits change no picture.
 TEST_P(Rates, TinyStepsChangeNothing) {
-  const auto c = test::sphere_capture();
+  const auto c = test::capture_of(GetParam());
   ThreadPool pool(2);
   const auto picture_after = [&](int steps) {
     Trainer trainer(c.scene, c.photos, options(1e-25), pool);
@@ -78,7 +78,8 @@ TEST(GridSchedule, StepSizeFallsAndMemoryGrows) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, Rates,
-                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw"),
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw",
+                                           "dnerf", "nerfies", "hypernerf"),
                          [](const auto& info) { return info.param; });
 
 }  // namespace

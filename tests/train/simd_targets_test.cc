@@ -25,7 +25,7 @@ class TrainedOnTargets : public ::testing::TestWithParam<std::string> {
     o.precision = Precision::kF32;
     return o;
   }
-  const test::SyntheticCapture capture = test::sphere_capture(24, 32);
+  const test::SyntheticCapture capture = test::capture_of(GetParam(), 24, 32);
   ThreadPool pool{2};
 };
 
@@ -69,7 +69,8 @@ TEST_P(TrainedOnTargets, LossesAreAlike) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, TrainedOnTargets,
-                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw"),
+                         ::testing::Values("grid", "nerf", "mipnerf", "mipnerf360", "nerfw",
+                                           "dnerf", "nerfies", "hypernerf"),
                          [](const auto& info) { return info.param; });
 
 }  // namespace

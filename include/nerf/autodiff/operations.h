@@ -70,7 +70,7 @@ Value table_rows(Tape& tape, Value index, const LinearWeights& w);
 
 // screw [6 x n], a rotation vector w above a velocity v; x [3 x n] -> [3 x n]: R x + G v, each
 // point moved by the screw of its own, the exponential of a rigid motion (Park et al. 2021,
-// equations 5 to 7). Exact and smooth at any angle |w|, 0 too; the angle's size is not limited.
+// section 3.2). Exact and smooth at any angle |w|, 0 too; the angle's size is not limited.
 Value rigid_motion(Tape& tape, Value screw, Value x);
 
 // Spherical harmonics of the unit directions [3 x rays]: [16 x rays], or repeated for what belongs

@@ -2,6 +2,7 @@
 // so that draws are order-free, replayable and the same on any number of threads.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 #include "nerf/base/real.h"
@@ -23,6 +24,7 @@ enum class RandomStream : uint64_t {
   kFirstTable = uint64_t{1} << 63,  // first features; the index is a row
   kFirstNetworks,                   // first weights; the index is a layer
   // In the place of an index.
+  kStillPoints = uint64_t{1} << 60,  // points that do not move; the number of one is added
   kRoulette = uint64_t{1} << 61,     // of a chunk, whose number is added
   kPhotoOfStep = uint64_t{1} << 62,  // that all rays of a step come from
   // Added to a step.
@@ -42,6 +44,11 @@ class Random {
   uint64_t bits() { return mix64(key_ + 0xd1342543de82ef95ull * dimension_++); }
   // Uniform in [0, 1), 24 bits.
   Real uniform() { return static_cast<Real>(bits() >> 40) * 0x1p-24_r; }
+  // Of mean 0 and variance 1 (Box and Muller 1958; of the two that two draws give, one).
+  Real normal() {
+    const Real u = 1 - uniform(), v = uniform();  // u in (0, 1]
+    return std::sqrt(-2 * std::log(u)) * std::cos(6.28318531_r * v);
+  }
   // Uniform in [0, n), n >= 1.
   uint64_t below(uint64_t n) {
     __extension__ typedef unsigned __int128 Wide;

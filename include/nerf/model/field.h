@@ -53,8 +53,9 @@ struct Field {
   // What is learnt of each photo, and its tables' weights.
   virtual const CodeBooks& codes() const = 0;
   virtual std::span<const Real> all_weights() const = 0;
-  // Of what is asked for without a photo: Appearance::code, where the field has one.
-  virtual std::vector<Real> default_code() const = 0;
+  // Of what is asked for without a photo: Appearance::code, where the field has one. camera: as the
+  // capture numbers it; below 0: none.
+  virtual std::vector<Real> default_code(Real time, int camera = -1) const = 0;
 };
 
 }  // namespace nerf

@@ -123,7 +123,7 @@ struct GridField final : Field {
   const CodeBooks& codes() const override { return books; }
   std::span<const Real> all_weights() const override { return weights.span(); }
   // The mean over the photos.
-  std::vector<Real> default_code() const override {
+  std::vector<Real> default_code(Real, int = -1) const override {
     return mean_appearance(books, weights.span()).code;
   }
   OccupancyGrid occupancy;

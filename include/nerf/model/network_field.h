@@ -3,7 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "nerf/autodiff/operations.h"
@@ -11,13 +14,15 @@
 #include "nerf/base/real.h"
 #include "nerf/math/ndc.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/deform_networks.h"
 #include "nerf/model/field.h"
 #include "nerf/model/network_options.h"
 #include "nerf/model/pixel_loss.h"
 
 namespace nerf {
 
-// One network:
+// One network, of a scene that moves in canonical coordinates, with ambient ones beside them
+// (deform_networks.h):
 //   encoding -> depth layers of width, ReLU -> density (1)
 //                                            -> bottleneck -> [., direction] -> ReLU -> colour (3)
 // and where photos show what others do not, of the last level in training
@@ -31,17 +36,21 @@ struct RadianceNetwork {
   // Hidden layers, then density, colour and deviation; empty: nothing is transient. Behind the
   // bottleneck and the photo's transient numbers.
   std::vector<LinearWeights> transient;
-  // [photos x image_code], [photos x transient_code], behind all networks' weights
-  LinearWeights codes, transient_codes;
+  // [photos x image_code], [cameras x camera_code], [photos x transient_code], behind all networks'
+  // weights
+  LinearWeights codes, camera_codes, transient_codes;
+  DeformNetworks deform;  // the same of all networks, before their weights
   bool has_colour = false;
   size_t begin = 0, end = 0;  // in the field's weights
-  size_t parameters() const;  // without padding
+  size_t parameters() const;  // without padding and what all networks share
 };
 
-// The networks of these options, one behind the other: that of the levels before the last, unless
-// all share one, then the last level's. Behind them come the codes of so many photos.
-std::vector<RadianceNetwork> place_networks(const NetworkOptions& options, int photos = 0);
-// Of these photos, NetworkOptions::image_code numbers each.
+// The networks of these options, one behind the other: what leads points to the canonical scene,
+// that of the levels before the last, unless all share one, then the last level's. Behind them come
+// the codes.
+std::vector<RadianceNetwork> place_networks(const NetworkOptions& options,
+                                            const CodeShape& codes = {});
+// Of these photos, as many numbers each as the options say; moments and cameras are the caller's.
 CodeShape code_shape(const NetworkOptions& options, std::vector<std::string> photos);
 
 inline const RadianceNetwork& network_of(const NetworkOptions& options,
@@ -54,13 +63,16 @@ struct NetworkField final : Field {
   // near and far: the first and last distance of samples from a camera, engine units; 0 and 1 in
   // normalised device coordinates. photos: that have a code (NetworkOptions::image_code).
   NetworkField(const NetworkOptions& options, double near, double far,
-               std::vector<std::string> photos = {});
+               std::vector<std::string> photos = {})
+      : NetworkField(code_shape(options, std::move(photos)), options, near, far) {}
+  NetworkField(const CodeShape& codes, const NetworkOptions& options, double near, double far);
 
   NetworkOptions options;
   double near, far;
   std::vector<RadianceNetwork> networks;
   CodeBooks books;
   AlignedArray<Real> weights;  // of the networks, then the books
+  DeformWindows windows;       // of what pictures show, and of the training's next step
   NdcFrame ndc;                // engine units; with Space::kNdc
 
   const RadianceNetwork& network_of(int level) const {
@@ -73,10 +85,8 @@ struct NetworkField final : Field {
   bool moves() const override { return options.deform.any(); }
   const CodeBooks& codes() const override { return books; }
   std::span<const Real> all_weights() const override { return weights.span(); }
-  // Zeros, as the authors have it.
-  std::vector<Real> default_code() const override {
-    return std::vector<Real>(static_cast<size_t>(options.image_code), 0.0_r);
-  }
+  // Zeros, as the authors have it; of a scene that moves the light of the moment.
+  std::vector<Real> default_code(Real time, int camera = -1) const override;
   size_t network_size() const { return networks.back().end; }  // of `weights`
   // Random weights, keyed by the seed; biases 0.
   void initialise(uint64_t seed);
@@ -116,7 +126,9 @@ struct NetworkTape {
   Value directions = 0;  // in: [3 x rays], unit
   Value delta = 0;       // in: [1 x samples]
   Value photo = -1;      // in, training with codes: [1 x rays], Ray::photo; below 0: zeros
-  Value code = -1;       // in, else with image codes: [image_code x rays]
+  Value camera = -1;     // in, training with cameras' codes: [1 x rays], a row of theirs
+  Value code = -1;       // in, else, with such codes: [NetworkOptions::light() x rays]
+  DeformInputs deform;
   Value noise = -1;      // in, training with density noise: [1 x samples], added to the raw density
   Value background = 0;  // in: [3 x rays]
   PixelLossInputs pixel_loss;   // in, training
@@ -138,6 +150,7 @@ struct NetworkTape {
     // least deviation, and the mean transient density with that weight.
     bool transient = false;
     Real least_deviation = 0.03_r, transient_density = 0;
+    bool elastic = false;  // whether the warp is held to motions of rigid parts
   };
   // For at most so many samples on at most so many rays.
   NetworkTape(const NetworkOptions& options, const RadianceNetwork& network, int samples, int rays,
@@ -146,11 +159,21 @@ struct NetworkTape {
   // Density and weights only.
   void forward_weights(Chunk& chunk) const { tape.forward(chunk, 0, weight_operations_); }
   void forward(Chunk& chunk) const { tape.forward(chunk); }
+  // From the next pass on. All frequencies are open at first.
+  void open(const DeformWindows& windows);
+  // Of as many samples as the chunk has.
+  void place_axes(Chunk& chunk) const;
+  // Whether a backward pass gives any gradient.
+  bool learns() const { return pixel >= 0 || weight_gradient >= 0 || deform.elastic_scale >= 0; }
 
  private:
+  // Features of the position, canonical where the scene moves.
+  Value record_position(const NetworkOptions& options, const RadianceNetwork& network,
+                        Purpose purpose, const Losses& losses);
   void record_transient(const NetworkOptions& options, const RadianceNetwork& network,
                         const Losses& losses);
   size_t weight_operations_ = 0;
+  std::shared_ptr<std::vector<Real>> warp_window_, ambient_window_;
 };
 
 // Colours of samples from the bottleneck's features, the unit directions [3 x rays] and the photos'

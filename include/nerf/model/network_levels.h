@@ -9,6 +9,7 @@
 #include "nerf/base/real.h"
 #include "nerf/math/random.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/moments.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/network_ray.h"
 #include "nerf/parts/interval_sampler.h"
@@ -34,6 +35,9 @@ struct NetworkLosses {
   Real negligible = 0;
   // Of networks with transient matter, of the last level: NetworkTape::Losses.
   Real least_deviation = 0.03_r, transient_density = 0;
+  // Of the first level of a scene that moves (Park et al. 2021, section 3.3): how far its warp is
+  // from motions of rigid parts, for a mean over rays of the sum over samples.
+  bool elastic = false;
 };
 
 class NetworkLevels {
@@ -53,6 +57,9 @@ class NetworkLevels {
   // Pictures only: the light that colours are in (Appearance::code); without it the field's
   // default.
   void use_code(std::vector<Real> code) { code_ = std::move(code); }
+
+  // Training with NetworkLosses::elastic: its weight from the next forward() on.
+  void weigh_elastic(Real weight) { elastic_weight_ = weight; }
 
   // The networks' products from these packs, which must outlive this.
   void use_packs(const LayerPacks* packs);
@@ -166,6 +173,8 @@ class NetworkLevels {
   const internal::BakedOccupancy* occupancy_ = nullptr;
   bool cut_ = false;
   std::vector<Real> code_;
+  Moments moments_;
+  Real elastic_weight_ = 0;
   int64_t dense_ = 0, all_ = 0;
   std::vector<Real> edges_, final_edges_, gradient_of_all_;  // of losses on weights
 };

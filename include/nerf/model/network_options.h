@@ -5,6 +5,7 @@
 
 #include "nerf/base/options.h"
 #include "nerf/base/real.h"
+#include "nerf/model/deform_options.h"
 #include "nerf/parts/interval_sampler.h"
 
 namespace nerf {
@@ -57,13 +58,15 @@ struct NetworkOptions {
   int skip = 4;          // the input is given again behind every skip-th layer
   int bottleneck = 256;  // features handed from density to colour
   int view_width = 128;
-  int image_code = 0;  // numbers learnt for each photo, which its colours depend on
+  int image_code = 0;   // numbers learnt for each photo, which its colours depend on
+  int camera_code = 0;  // the same of each camera, where a capture numbers several
   // Numbers learnt for each photo of what it alone shows; 0: nothing is transient. Layers of the
   // last level between them and its density, colour and uncertainty (Martin-Brualla et al. 2021).
   int transient_code = 0, transient_depth = 4, transient_width = 128;
   Real code_spread = 0;  // standard deviation of the first codes; 0: 1 / sqrt(numbers)
   int proposal_depth = 8, proposal_width = 256;  // of the levels before the last
   bool proposal_colour = true;                   // those levels render pixels too
+  DeformOptions deform;
   DensityActivation density = DensityActivation::kRelu;
   Real density_bias = 0;
   Real colour_padding = 0;      // colours reach this far beyond [0, 1]
@@ -98,6 +101,9 @@ struct NetworkOptions {
       "other "
       "views",
       at_least(0), at_most(256));
+    v("camera_code", camera_code,
+      "numbers learnt for each camera of a capture that numbers several, in place of the photos'",
+      at_least(0), at_most(256));
     v("transient_code", transient_code,
       "numbers learnt for each photo of what it alone shows (people, cars), which pictures leave "
       "out; 0: nothing is transient",
@@ -114,6 +120,7 @@ struct NetworkOptions {
       at_most(kMostWidth));
     v("proposal_colour", proposal_colour,
       "whether the levels before the last learn colours of their own, or only where matter is");
+    v("deform", deform, "how a scene moves");
     v("density", density, "activation of the density");
     v("density_bias", density_bias, "added before the density's activation", at_least(-100),
       at_most(100));
@@ -129,6 +136,8 @@ struct NetworkOptions {
   void check_options() const;
   static constexpr int kMostWidth = 2048;
 
+  // Numbers that colours depend on beside the view.
+  int light() const { return image_code + camera_code; }
   bool integrated() const { return encoding != Encoding::kFrequency; }
 };
 extern template CollectedOptions collect_options(NetworkOptions&);

@@ -25,8 +25,10 @@ struct NetworkRay {
   // The part of the way that is drawn, in t; pictures only.
   Real drawn_from = 0, drawn_to = std::numeric_limits<Real>::infinity();
   Vec3 background;
+  Real time = 0;  // [0, 1]
   // Training only.
-  int photo = -1;  // whose codes the network may read; below 0: none
+  int photo = -1;                // whose codes the network may read; below 0: none
+  int moment = -1, camera = -1;  // likewise, rows of CodeBooks
   // First and last distance of its samples, in t; far of 0: the field's.
   Real near = 0, far = 0;
   Vec3 target;     // colour of the pixel

@@ -31,6 +31,13 @@ struct NetworkRecipe {
   bool photo_range = false;
   Real transient_density = 0.01_r;
   Real least_deviation = 0.03_r;
+  // Of scenes that move.
+  int curriculum_steps = 0;
+  int window_steps = 0, ambient_start = 0, ambient_steps = 0;
+  Real elastic = 0;
+  int elastic_steps = 0, elastic_fall_steps = 0;
+  Real still = 0;
+  int still_points = 16384;
 
   template <class V>
   void visit_options(V& v) {
@@ -69,6 +76,26 @@ struct NetworkRecipe {
       "standard deviation of a pixel that shows nothing transient, added to the learnt one "
       "(--network-transient-code)",
       above(0), at_most(10));
+    v("curriculum_steps", curriculum_steps,
+      "first steps, which draw from the first photos by time, at first 3, in the end all",
+      at_least(0));
+    v("window_steps", window_steps,
+      "steps over which the frequencies of the warp's position open, coarse ones first; 0: open",
+      at_least(0));
+    v("ambient_start", ambient_start, "step from which on ambient coordinates' frequencies open",
+      at_least(0));
+    v("ambient_steps", ambient_steps, "steps over which they do; 0: open", at_least(0));
+    v("elastic", elastic,
+      "weight of the loss that holds a warp to motions of rigid parts (--network-deform-warp)",
+      at_least(0), at_most(100));
+    v("elastic_steps", elastic_steps, "steps before that weight falls", at_least(0));
+    v("elastic_fall_steps", elastic_fall_steps, "steps over which it falls to nothing; 0: it stays",
+      at_least(0));
+    v("still", still,
+      "weight of the loss that keeps the capture's sparse points where they are at every moment",
+      at_least(0), at_most(100));
+    v("still_points", still_points, "how many of them a step asks for", at_least(1),
+      at_most(1 << 20));
     v("skip", skip,
       "leave out samples that a ReLU gives no density, which have no gradient, and negligible "
       "ones");

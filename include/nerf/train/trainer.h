@@ -68,7 +68,7 @@ struct TrainOptions {
   void visit_options(V& v) {
     v.heading("Method");
     v("method", method, "what is trained; see --list-methods", one_of(internal::method_choices()),
-      brief("grid, nerf, nerfw, mipnerf, mipnerf360; see --list-methods"));
+      brief("grid, nerf, mipnerf, nerfw, nerfies and more; see --list-methods"));
     v("seed", seed, "of every random number");
     v.heading("Run");
     v("steps", steps, "length of the training; the step size falls over it", at_least(0),

@@ -1,4 +1,4 @@
-// Specification of the rigid motion of a point by a screw (Park et al. 2021, equations 5 to 7).
+// Specification of the rigid motion of a point by a screw (Park et al. 2021, section 3.2).
 #pragma once
 
 #include <cmath>
