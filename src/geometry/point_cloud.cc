@@ -150,11 +150,14 @@ TriangleMesh points_from_depths(std::span<const DepthView> views, const PointOpt
   // A surface passes as many cubes as the square of their number along a side: twice is enough.
   const Vec3d size = options.box.size();
   const double longest = std::max({size.x, size.y, size.z}), least = longest / Cubes::kMost;
+  // Cubes that few pixels meet would be dropped for want of views and neighbours.
+  constexpr double kPixels = 8;  // in a cube, in the mean
+  const double most = std::max(1.0, std::min(static_cast<double>(options.points),
+                                             static_cast<double>(points.size()) / kPixels));
   double side = std::max(least, longest / 256);
   for (int i = 0; i < 2; ++i) {
     const size_t n = count_cubes(points, {options.box, side});
-    side = std::max(least,
-                    side * std::sqrt(static_cast<double>(n) / static_cast<double>(options.points)));
+    side = std::max(least, side * std::sqrt(static_cast<double>(n) / most));
   }
   const std::vector<Place> places = mean_places(points, {options.box, side}, options.least_views);
   const auto has = [&](uint64_t cube) {

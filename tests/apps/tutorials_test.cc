@@ -40,7 +40,8 @@ void replace(std::string& text, const std::string& from, const std::string& to) 
 }
 
 // Runs a tutorial's commands in a folder that looks like the repository, on smaller pictures.
-void run_tutorial(const std::string& name, const testing_apps::TempFolder& folder) {
+void run_tutorial(const std::string& name, const testing_apps::TempFolder& folder,
+                  const std::string& steps) {
   const fs::path root = NERF_SOURCE_DIR;
   fs::create_directories(folder / "build");
   fs::create_directory_symlink(root / "data", folder / "data");
@@ -49,7 +50,7 @@ void run_tutorial(const std::string& name, const testing_apps::TempFolder& folde
   const auto commands = commands_of(root / "docs/tutorials" / name);
   EXPECT_GT(commands.size(), 4u);
   for (std::string command : commands) {
-    replace(command, "--minutes 2", "--steps 20 --downscale 8 --overwrite");
+    replace(command, "--minutes 2", "--steps " + steps + " --downscale 8 --overwrite");
     replace(command, "--resolution 1024", "--resolution 64");
     replace(command, "--frames 48", "--frames 2");
     replace(command, "--size 960x540", "--size 48x28");
@@ -61,7 +62,7 @@ void run_tutorial(const std::string& name, const testing_apps::TempFolder& folde
 
 TEST(Tutorials, DepthIntoACompositor) {
   const testing_apps::TempFolder folder;
-  run_tutorial("depth_into_a_compositor.md", folder);
+  run_tutorial("depth_into_a_compositor.md", folder, "20");
   for (const char* file :
        {"comp/exr/orbit_0001.exr", "comp/deep/orbit_0001.exr", "comp/fog.exr", "wipe.mp4",
         "numbers/npy/depth.distance/orbit_0000.npy", "numbers/png16/depth.distance/orbit_0000.png",
@@ -71,14 +72,14 @@ TEST(Tutorials, DepthIntoACompositor) {
 
 TEST(Tutorials, MeshIntoBlender) {
   const testing_apps::TempFolder folder;
-  run_tutorial("mesh_into_blender.md", folder);
+  run_tutorial("mesh_into_blender.md", folder, "150");
   for (const char* file : {"demo.glb", "cameras.glb", "fine.ply", "points.ply"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
 }
 
 TEST(Tutorials, ObjectIntoAScene) {
   const testing_apps::TempFolder folder;
-  run_tutorial("object_into_a_scene.md", folder);
+  run_tutorial("object_into_a_scene.md", folder, "20");
   for (const char* file : {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png",
                            "layers/exr/orbit_0001.exr"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
