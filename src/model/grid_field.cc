@@ -170,7 +170,7 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     seen_by_density = concat(tape, features, record_moment(tape, field.motion, contracted, code));
   }
   geometry = mlp(tape, seen_by_density, field.density_layers);
-  if (training && losses.roulette) roulette(tape, geometry, *losses.roulette);
+  if (training && losses.roulette) gradient_roulette = roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
   if (sloped) {
@@ -195,7 +195,7 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   if (grouped) {
     const Value light =
         group_light(tape, image.weights, losses.shared_colour, losses.stop_transmittance);
-    colour = colour_of(mean_of_groups(tape, image.weights, geometry), Domain::kGroups);
+    colour = colour_of(mean_of_groups(tape, light, geometry), Domain::kGroups);
     image.pixel = accumulate(tape, light, colour, background);
   } else if (training && losses.on_weights) {
     image.pixel = accumulate(tape, image.weights, colour, background);
