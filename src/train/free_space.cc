@@ -12,7 +12,10 @@ namespace nerf {
 
 namespace {
 
-constexpr double kNearShare = 0.9;      // of the distance to the nearest points
+// Of the distance to the nearest points. What has none may be nearer still, such as fur before a
+// wall: a photo's own rays begin early, or they would paint it onto what is behind. Cells need two
+// cameras that agree.
+constexpr double kNearShare = 0.6, kNearShareOfTwo = 0.9;
 constexpr double kNearQuantile = 0.01;  // of the points that a view sees; nearer ones may be wrong
 constexpr size_t kEnoughPoints = 20;    // in a view, to tell where its content begins
 constexpr double kSightShare = 0.85;    // of a line of sight; a surface has some depth
@@ -163,7 +166,7 @@ double nearest(std::vector<double>& distances, size_t least) {
   return distances[at];
 }
 
-// Distances, engine units, within which a view's camera has no matter.
+// Distances, engine units, to the nearest points of a view's picture, and to the nearest of all.
 struct Nearness {
   size_t view;
   double in_picture, around;
@@ -200,7 +203,7 @@ std::vector<Nearness> nearness_of_views(const Scene& scene) {
     double near = nearest(seen[v], 0);
     if (!in_picture.empty()) near = std::min(near, nearest(in_picture, kSurePoints));
     const double any = around.empty() ? near : std::min(near, nearest(around, kSurePoints));
-    out.push_back({v, kNearShare * near, kNearShare * any});
+    out.push_back({v, near, any});
   }
   return out;
 }
@@ -210,7 +213,7 @@ std::vector<Nearness> nearness_of_views(const Scene& scene) {
 std::vector<double> near_of_views(const Scene& scene) {
   std::vector<double> near(scene.views.size(), scene.near);
   for (const Nearness& n : nearness_of_views(scene))
-    near[n.view] = std::max(near[n.view], n.in_picture);
+    near[n.view] = std::max(near[n.view], kNearShare * n.in_picture);
   // A photo at another scale stands behind the one that points were seen in.
   std::map<std::filesystem::path, double> of_file;
   for (size_t v = 0; v < near.size(); ++v) {
@@ -244,9 +247,11 @@ void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPoo
     const Nearness& n = near[static_cast<size_t>(i)];
     if (!trains[n.view]) return;
     const Pose pose = scene.to_engine.apply(scene.views[n.view].pose), to_camera = pose.inverse();
-    witnesses.add_ball(pose.translation, n.in_picture, [&](const Vec3d& middle, double farthest) {
-      return farthest <= n.around || shows(photos.cameras[n.view], to_camera * middle);
-    });
+    witnesses.add_ball(pose.translation, kNearShareOfTwo * n.in_picture,
+                       [&](const Vec3d& middle, double farthest) {
+                         return farthest <= kNearShareOfTwo * n.around ||
+                                shows(photos.cameras[n.view], to_camera * middle);
+                       });
   });
 
   const std::vector<uint8_t> points = cells_with_points(scene, grid);

@@ -11,17 +11,18 @@
 
 namespace nerf {
 
-// Distance from each view's camera before which its photo shows nothing, engine units: nine tenths
-// of that to the nearest hundredth of the points that it sees or, where that is nearer, of those in
-// its picture that other photos saw. Scene::near, the least of all, where it sees too few of them,
-// and everywhere where an option gives it.
+// Distance from each view's camera at which its rays begin, engine units: six tenths of that to the
+// nearest hundredth of the points that it sees or, where that is nearer, of those in its picture
+// that other photos saw. Scene::near, the least of all, where it sees too few of them, and
+// everywhere where an option gives it.
 std::vector<double> near_of_views(const Scene& scene);
 
 // Switches off the cells of an unbounded scene's grid that are empty by two witnesses or more, but
 // for those at the rim of such space, those that hold a point and their neighbours. Witnesses are
 // lines of sight, from a training camera most of the way to a point it sees, and training cameras
-// that have the cell nearer than near_of_views: in the picture, or around the camera as far as no
-// point is. Matter there is seen by no photo but would fog new views. One witness may be wrong.
+// that have the cell nearer than nine tenths of the way to their nearest points: in the picture, or
+// around the camera as far as no point is. Matter there is seen by no photo but would fog new
+// views. One witness may be wrong.
 void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                            OccupancyGrid& grid);
 

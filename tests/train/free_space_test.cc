@@ -98,14 +98,14 @@ TEST(FreeSpace, OnlyTrainingPhotosBearWitness) {
   EXPECT_FALSE(off(carved(c), {0.011_r, 0.1_r, 0.013_r}));
 }
 
-TEST(FreeSpace, NearIsNineTenthsOfTheNearestHundredth) {
+TEST(FreeSpace, NearIsSixTenthsOfTheNearestHundredth) {
   Capture c(3);
   for (int i = 0; i < 200; ++i)  // distances 0.5, 0.505, ...; 1 % of 199 is the third
     c.see(0, c.scene.views[0].pose.translation + Vec3d{0, 0.5 + 0.005 * i, 0});
   for (int i = 0; i < 19; ++i) c.see(1, {0, 0.5, 0});  // too few to tell
   c.scene.to_engine.scale = 2;                         // what is told in engine units
   const std::vector<double> near = near_of_views(c.scene);
-  EXPECT_NEAR(near[0], 2 * 0.9 * 0.51, 1e-12);
+  EXPECT_NEAR(near[0], 2 * 0.6 * 0.51, 1e-12);
   EXPECT_EQ(near[1], c.scene.near);
   EXPECT_EQ(near[2], c.scene.near);
   c.scene.unbounded = false;  // the box says it
@@ -118,9 +118,9 @@ TEST(FreeSpace, NearHeedsPointsThatOthersSaw) {
   for (int i = 0; i < 200; ++i) c.see(0, c.scene.views[0].pose.translation + Vec3d{0, 1, 0}, 3);
   const Vec3d eye = c.scene.views[0].pose.translation;
   for (int i = 0; i < 5; ++i) c.scene.points.push_back({eye + Vec3d{0, 0.3 + 0.02 * i, 0}, 0.5, 3});
-  EXPECT_NEAR(near_of_views(c.scene)[0], 0.9 * 0.38, 1e-12);  // four may be wrong
+  EXPECT_NEAR(near_of_views(c.scene)[0], 0.6 * 0.38, 1e-12);  // four may be wrong
   for (ScenePoint& p : c.scene.points) p.position.y = eye.y - (p.position.y - eye.y);  // behind
-  EXPECT_NEAR(near_of_views(c.scene)[0], 0.9, 1e-12);
+  EXPECT_NEAR(near_of_views(c.scene)[0], 0.6, 1e-12);
 }
 
 TEST(FreeSpace, PhotosAtOtherScalesBeginWhereTheFullOneDoes) {
@@ -137,9 +137,8 @@ TEST(FreeSpace, TwoCamerasEmptyWhatIsNearerThanWhatTheySee) {
   Capture two(2);
   two.add_wall();
   const OccupancyGrid grid = carved(two);
-  const double reach = near_of_views(two.scene)[0];
-  ASSERT_NEAR(reach, 0.9 * std::hypot(1.3, 0.011, 0.013), 0.01);
-  // Beside and behind the cameras too, but not farther than their near distance.
+  ASSERT_NEAR(near_of_views(two.scene)[0], 0.6 * std::hypot(1.3, 0.011, 0.013), 0.01);
+  // Beside and behind the cameras too, but not farther than nine tenths of the way to the wall.
   EXPECT_TRUE(off(grid, {0.3_r, -0.7_r, 0.2_r}));
   EXPECT_TRUE(off(grid, {-0.7_r, -0.5_r, 0.3_r}));
   int64_t beyond = 0;
@@ -149,7 +148,7 @@ TEST(FreeSpace, TwoCamerasEmptyWhatIsNearerThanWhatTheySee) {
     if (!grid.is_off(1, i)) continue;
     ++beyond;
     const Vec3d eye = two.scene.views[0].pose.translation;
-    // A line of sight reaches no farther than the wall, and the ball no farther than near.
+    // A line of sight reaches no farther than the wall, and the ball not as far.
     EXPECT_LE(length(p.cast<double>() - eye), 1.4);
   }
   EXPECT_GT(beyond, 0);
