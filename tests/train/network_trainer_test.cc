@@ -192,8 +192,9 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
                      "--network-space identity"));
 }
 
-// Photos of three exposures from the same places, so that the view direction cannot tell them
-// apart: with a code each is learnt as it is. New views have none; the model keeps the photos'.
+// Photos of three exposures from the same places and moments, so that neither the view direction
+// nor what is learnt of a moment can tell them apart: with a code each is learnt as it is. New
+// views have none; the model keeps the photos'.
 TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
   auto c = capture_of(GetParam(), 16, 32);
   for (size_t i = 0; i < c.scene.views.size(); ++i) {
@@ -201,6 +202,8 @@ TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
     if (i == place) continue;
     c.scene.views[i].pose = c.scene.views[place].pose;
     c.photos.photos[i] = c.photos.photos[place];
+    c.scene.views[i].time = c.scene.views[place].time;
+    c.scene.views[i].ids.moment = c.scene.views[place].ids.moment;
     std::vector<uint8_t>& rgba = c.photos.photos[i].pixels8;
     for (size_t k = 0; k < rgba.size(); ++k)
       if (k % 4 != 3) rgba[k] = static_cast<uint8_t>(rgba[k] * (i % 4) / 3);
