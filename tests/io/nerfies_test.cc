@@ -257,6 +257,8 @@ TEST_F(Nerfies, MistakesAreNamed) {
                        "whole numbers from 0"));
   EXPECT_TRUE(contains(metadata([](json& m) { m["left_000003"]["warp_id"] = "a"; }),
                        "\"warp_id\" is not a number"));
+  EXPECT_TRUE(contains(metadata([](json& m) { m["left_000003"]["warp_id"] = "NaN"; }),
+                       "\"left_000003\": \"warp_id\" is not finite"));
   EXPECT_TRUE(contains(metadata([](json& m) { m["left_000003"].erase("warp_id"); }),
                        "neither \"warp_id\" nor \"time_id\""));
   const auto dataset = [&](const std::function<void(json&)>& change) {
@@ -294,6 +296,10 @@ TEST_F(Nerfies, PointsOfOtherKindsAreRefused) {
   EXPECT_TRUE(contains(error(), "has the shape (90, 2)"));
   write_points("<i8", "(60, 3)");
   EXPECT_TRUE(contains(error(), "points.npy: holds numbers of type '<i8'"));
+  write_points("<u4", "(120, 3)");  // each number's 8 bytes as two of them
+  EXPECT_TRUE(contains(error(), "points.npy: holds whole numbers, not coordinates"));
+  write_points("<f4", "(61, 3)");
+  EXPECT_TRUE(contains(error(), "points.npy: holds 720 bytes of numbers"));
   points_[4] = NAN;
   write_points("<f4", "(60, 3)");
   const Scene scene = load_scene(folder_.path());

@@ -31,18 +31,27 @@ struct Line {
   void (*given)(Setting&) = [](auto&) {};  // without which there is nothing to change
 };
 
-// One camera sees a part of the region only.
-void one_camera(Setting& s) { s.capture.scene.train.resize(1); }
+// One camera sees a part of the region only, twice: a scene that moves has several moments.
+void one_place(Setting& s) {
+  Scene& scene = s.capture.scene;
+  scene.train.resize(2);
+  const size_t first = static_cast<size_t>(scene.train[0]);
+  const size_t second = static_cast<size_t>(scene.train[1]);
+  scene.views[second].pose = scene.views[first].pose;
+  s.capture.photos.photos[second] = s.capture.photos.photos[first];
+}
 // Nothing is opaque behind photos with alpha, whatever NetworkOptions::opaque_end says.
 void opaque_photos(Setting& s) {
   s.capture.scene.alpha = false;
   for (Photo& p : s.capture.photos.photos)
     for (size_t i = 3; i < p.pixels8.size(); i += 4) p.pixels8[i] = 255;
 }
-// So thin that the last interval is not opaque by itself, however long it is.
+// So thin that the last interval is not opaque by itself; a softplus is nowhere 0, so that one
+// without end would be.
 void thin_and_opaque_photos(Setting& s) {
   opaque_photos(s);
   s.options.network.density_bias = -8;
+  s.options.network.last_interval = 1;
 }
 // Free space is known of scenes without bounds, from what photos see: here the sphere's middle.
 void unbounded_with_points(Setting& s) {
@@ -97,6 +106,7 @@ void with_codes(Setting& s) {
 void standing(Setting& s) {
   s.options.network.deform.warp = WarpKind::kNone;
   s.options.network.deform.slice = Slice::kNone;
+  s.options.network.deform.still_start = false;  // of warps alone
 }
 void transient(Setting& s) { s.options.network.transient_code = 4; }
 // Photos of several moments, by two cameras, with points that stand still: what every capture of a
@@ -212,7 +222,7 @@ const std::vector<Line>& table() {
       {"stop_transmittance", {"0.1"}},
       {"gradient_roulette", {"0"}},
       {"occupancy_threshold", {"0.2"}},
-      {"keep_unseen", {"true"}, one_camera},
+      {"keep_unseen", {"true"}, one_place},
       {"keep_transparent", {"true"}},
       {"keep_free", {"true"}, unbounded_with_points},
       {"robust", {"0.4"}},

@@ -145,7 +145,8 @@ TEST_P(NetworkTraining, LearnsOverBlack) {
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(frame.rgb[static_cast<size_t>(k)], 0, 0.1) << k;
 }
 
-// Cameras side by side that all look the same way.
+// Cameras side by side that all look the same way, at two moments: were each photo of a moment of
+// its own, what moves past one camera would look like what stands at another distance.
 test::SyntheticCapture forward_facing_capture(const std::string& method) {
   test::SyntheticCapture c = capture_of(method, 20, 32);
   for (size_t i = 0; i < c.scene.views.size(); ++i) {
@@ -154,6 +155,8 @@ test::SyntheticCapture forward_facing_capture(const std::string& method) {
                         0.3 * (static_cast<double>(i / 5) - 1.5), -test::kCameraDistance};
     c.scene.views[i].pose = pose;
     c.photos.photos[i] = test::sphere_photo(c.scene.cameras[0], pose);
+    c.scene.views[i].time = static_cast<double>(i / 2 % 2);
+    c.scene.views[i].ids.moment = static_cast<int>(i / 2 % 2);
   }
   c.scene.near = 1.5;
   return c;
@@ -163,6 +166,8 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
   const auto c = forward_facing_capture(GetParam());
   ThreadPool pool(2);
   TrainOptions options = tiny_method_options(GetParam(), 500);
+  if (options.network.deform.any())
+    options.steps = 1000;  // of each moment there are half the photos
   options.network.space = Space::kNdc;
   options.network.sampling.spacing = Spacing::kUniform;
   Trainer trainer(c.scene, c.photos, options, pool);
@@ -187,8 +192,9 @@ TEST_P(NetworkTraining, LearnsInNormalisedDeviceCoordinates) {
                      "--network-space identity"));
 }
 
-// Photos of three exposures from the same places, so that the view direction cannot tell them
-// apart: with a code each is learnt as it is. New views have none; the model keeps the photos'.
+// Photos of three exposures from the same places and moments, so that neither the view direction
+// nor what is learnt of a moment can tell them apart: with a code each is learnt as it is. New
+// views have none; the model keeps the photos'.
 TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
   auto c = capture_of(GetParam(), 16, 32);
   for (size_t i = 0; i < c.scene.views.size(); ++i) {
@@ -196,6 +202,8 @@ TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
     if (i == place) continue;
     c.scene.views[i].pose = c.scene.views[place].pose;
     c.photos.photos[i] = c.photos.photos[place];
+    c.scene.views[i].time = c.scene.views[place].time;
+    c.scene.views[i].ids.moment = c.scene.views[place].ids.moment;
     std::vector<uint8_t>& rgba = c.photos.photos[i].pixels8;
     for (size_t k = 0; k < rgba.size(); ++k)
       if (k % 4 != 3) rgba[k] = static_cast<uint8_t>(rgba[k] * (i % 4) / 3);
