@@ -33,10 +33,12 @@ inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __res
 }  // namespace
 
 GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
-                               const RenderOptions& options, const std::optional<ObliqueBox>& box)
+                               const RenderOptions& options, const std::optional<ObliqueBox>& box,
+                               const std::optional<EngineMedium>& medium)
     : field_(field),
       options_(options),
       box_(box),
+      medium_(medium),
       tape_(field, /*training=*/false),
       chunk_(tape_.tape),
       shading_(tape_.tape),
@@ -61,6 +63,7 @@ void GridIntegrator::begin(const RaySink& sink) {
   has_percentiles_ = sink.near || sink.far;
   has_deep_ = sink.deep != nullptr;
   ways_.clear();
+  seen_.clear();
   t_.clear();
   delta_.clear();
 }
@@ -71,14 +74,18 @@ void GridIntegrator::add(const Ray& given, int place) {
   way.place = place;
   way.background = given.background;
   way.time = given.time;
+  std::optional<Seen> seen;
+  if (medium_) seen.emplace(Seen{MediumRay(*medium_, given)});
+  const Seen* const through = seen ? &*seen : nullptr;
   Ray ray = given;
-  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way);
+  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far))
+    return close(way, through);
   ++statistics_.rays;
-  if (std::isinf(ray.clear)) return close(way);
+  if (std::isinf(ray.clear)) return close(way, through);
   const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
                                        : sampler_.sample(ray, nullptr, true, samples_);
   statistics_.segments += static_cast<int64_t>(sampler_.segments().size());
-  if (count == 0) return close(way);
+  if (count == 0) return close(way, through);
   way.entry = sampler_.entry();
   way.direction = ray.direction.cast<Real>();
   way.start = sampler_.start();
@@ -87,6 +94,7 @@ void GridIntegrator::add(const Ray& given, int place) {
   delta_.insert(delta_.end(), samples_.delta.begin(), samples_.delta.end());
   way.end = t_.size();
   ways_.push_back(way);
+  if (seen) seen_.push_back(*seen);
 }
 
 void GridIntegrator::finish() {
@@ -180,6 +188,7 @@ void GridIntegrator::composite(int part) {
   const int end = ray_begin_[static_cast<size_t>(part) + 1];
   const size_t first = part_first_[part] - static_cast<size_t>(begin);  // of sample 0 of the chunk
   const Real* const t = t_.data() + first;
+  const Real* const density = chunk_.data(tape_.density);
   // In registers: a store to the sums might change what lies in memory.
   double transmittance = way.transmittance;
   Real unshaded = way.unshaded, shared = way.shared;
@@ -191,7 +200,8 @@ void GridIntegrator::composite(int part) {
       shared = 0;
       begin_stretch(way, t[i], delta_row_[i], transmittance);
     }
-    if (unshaded + weight <= options_.unshaded) {
+    const bool coloured = !(unshaded + weight <= options_.unshaded);
+    if (!coloured) {
       unshaded += weight;
     } else {
       if (shared + weight > options_.shared_colour) {
@@ -202,6 +212,9 @@ void GridIntegrator::composite(int part) {
       shared += weight;
       add_weighted(features, weight, geometry_.data() + static_cast<size_t>(i) * features, sums);
     }
+    if (medium_)
+      see(seen_[w], way, first + static_cast<size_t>(i), weight,
+          static_cast<double>(density[i]) * static_cast<double>(delta_row_[i]), coloured);
     if (has_moments_) {
       const double light = transmittance * alpha, distance = way.start + t[i];
       way.light += light;
@@ -229,20 +242,39 @@ void GridIntegrator::composite(int part) {
   way.shared = shared;
   if (way.next < way.end && !(transmittance < options_.stop_transmittance)) return;
   add_shaded(w, shared, transmittance);
-  close(way);
+  close(way, seen_of(w));
 }
 
 Real GridIntegrator::stopped_at(const Way& way, size_t sample, double before, double after,
                                 double left) const {
+  if (!sink_.between_samples) return t_[sample];
+  const auto [begin, end] = interval_of(way, sample);
+  const double share = std::log(left / before) / std::log(after / before);
+  return begin + static_cast<Real>(std::isfinite(share) ? share : 0.0) * (end - begin);
+}
+
+std::pair<Real, Real> GridIntegrator::interval_of(const Way& way, size_t sample) const {
   const Real t = t_[sample];
-  if (!sink_.between_samples) return t;
-  // Its interval, as far as it does not reach beyond the middles between samples.
   const Real half = 0.5_r * delta_[sample];
   Real begin = t - half, end = t + half;
   if (sample > way.begin) begin = std::max(begin, 0.5_r * (t_[sample - 1] + t));
   if (sample + 1 < way.end) end = std::min(end, 0.5_r * (t + t_[sample + 1]));
-  const double share = std::log(left / before) / std::log(after / before);
-  return begin + static_cast<Real>(std::isfinite(share) ? share : 0.0) * (end - begin);
+  return {begin, end};
+}
+
+void GridIntegrator::see(Seen& seen, const Way& way, size_t sample, Real weight,
+                         double optical_depth, bool coloured) const {
+  if (!(weight > 0)) return;
+  const auto [begin, end] = interval_of(way, sample);
+  const Veil veil = seen.medium.before(way.start + static_cast<double>(begin),
+                                       way.start + static_cast<double>(end), optical_depth);
+  for (int k = 0; k < 3; ++k) {
+    const double haze = static_cast<double>(weight) * veil.haze[k];
+    seen.light[k] += haze;
+    if (!coloured) continue;
+    seen.through[k] += static_cast<double>(weight) * veil.through[k];
+    seen.haze[k] += haze;
+  }
 }
 
 bool GridIntegrator::is_apart(const Way& way, Real t, Real delta, Real weight) {
@@ -286,6 +318,12 @@ void GridIntegrator::add_shaded(size_t w, Real shared, double transmittance) {
   }
   shaded_place_[static_cast<size_t>(shaded_)] = way.place;
   shaded_weight_[static_cast<size_t>(shaded_)] = shared;
+  for (size_t k = 0; medium_ && k < 3; ++k) {
+    Seen& seen = seen_[w];
+    SeenColour& colour = shaded_seen_[shaded_];
+    colour.through[k] = static_cast<Real>(std::exchange(seen.through[k], 0.0));
+    colour.haze[k] = static_cast<Real>(std::exchange(seen.haze[k], 0.0));
+  }
   if (has_deep_) shaded_stretch_[static_cast<size_t>(shaded_)] = sink_.deep[way.place].size() - 1;
   ++shaded_;
 }
@@ -306,25 +344,36 @@ void GridIntegrator::shade() {
   const int64_t lc = shading_.stride(tape_.colour);
   for (int i = 0; i < shaded_; ++i) {
     const size_t place = static_cast<size_t>(shaded_place_[static_cast<size_t>(i)]);
+    const SeenColour& seen = shaded_seen_[i];
     for (size_t k = 0; k < 3; ++k)
       sink_.rgb[3 * place + k] +=
-          shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+          (medium_ ? seen.through[k] : shaded_weight_[static_cast<size_t>(i)]) *
+          colour[static_cast<int64_t>(k) * lc + i];
     if (has_deep_) {
       DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
       for (size_t k = 0; k < 3; ++k)
-        stretch.rgb[k] =
-            shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
+        stretch.rgb[k] = (medium_ ? seen.through[k] : shaded_weight_[static_cast<size_t>(i)]) *
+                             colour[static_cast<int64_t>(k) * lc + i] +
+                         (medium_ ? seen.haze[k] : 0);
     }
   }
   shaded_ = shaded_rays_ = 0;
 }
 
-void GridIntegrator::close(Way& way) {
+void GridIntegrator::close(Way& way, const Seen* seen) {
   const size_t place = static_cast<size_t>(way.place);
-  for (int k = 0; k < 3; ++k)
-    sink_.rgb[3 * place + static_cast<size_t>(k)] +=
-        static_cast<Real>(way.transmittance * way.background[k]);
-  sink_.opacity[place] = static_cast<Real>(1 - way.transmittance);
+  if (seen) {
+    const Veil veil = seen->medium.behind();
+    for (int k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + static_cast<size_t>(k)] += static_cast<Real>(
+          seen->light[k] + way.transmittance * veil.over(k, way.background[k]));
+    sink_.opacity[place] = static_cast<Real>(1 - way.transmittance * veil.mean_through());
+  } else {
+    for (int k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + static_cast<size_t>(k)] +=
+          static_cast<Real>(way.transmittance * way.background[k]);
+    sink_.opacity[place] = static_cast<Real>(1 - way.transmittance);
+  }
   if (sink_.median) sink_.median[place] = way.median < 0 ? 0 : way.start + way.median;
   const auto distance = [&](Real t) { return t < 0 ? 0.0_r : static_cast<Real>(way.start + t); };
   if (sink_.near) sink_.near[place] = distance(way.near);

@@ -3,9 +3,11 @@
 
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "model/field_integrator.h"
+#include "model/medium_ray.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
@@ -19,7 +21,7 @@ class GridIntegrator {
  public:
   // packs: of the field's networks; they, the field and the options must outlive this.
   GridIntegrator(const GridField& field, const LayerPacks& packs, const RenderOptions& options,
-                 const std::optional<ObliqueBox>& box);
+                 const std::optional<ObliqueBox>& box, const std::optional<EngineMedium>& medium);
 
   void begin(const RaySink& sink);
   void add(const Ray& ray, int place);
@@ -49,6 +51,20 @@ class GridIntegrator {
     bool finished = false;
   };
 
+  // What a ray's medium does to its light, with a medium alone.
+  struct Seen {
+    MediumRay medium;
+    double through[3] = {0, 0, 0};  // of what is summed for one colour: weights times Veil::through
+    double haze[3] = {0, 0, 0};     // likewise
+    double light[3] = {0, 0, 0};    // the haze of all samples so far
+  };
+  struct SeenColour {
+    Real through[3], haze[3];
+  };
+  // Adds a sample of the ray, of an optical depth, and then whether it shares a colour.
+  void see(Seen& seen, const Way& way, size_t sample, Real weight, double optical_depth,
+           bool coloured) const;
+
   void ask();
   // As many of the ray's samples before `until` as the chunk has room for.
   void add_part(size_t way, size_t until);
@@ -61,7 +77,10 @@ class GridIntegrator {
   // with others. `transmittance`: behind them.
   void add_shaded(size_t way, Real shared, double transmittance);
   void shade();
-  void close(Way& way);
+  void close(Way& way, const Seen* seen);
+  const Seen* seen_of(size_t way) const { return medium_ ? seen_.data() + way : nullptr; }
+  // Of a sample, as far as it does not reach beyond the middles between samples: from the entry.
+  std::pair<Real, Real> interval_of(const Way& way, size_t sample) const;
   // Distance from the entry at which `left` of the light is left, in a sample that leaves `after`.
   Real stopped_at(const Way& way, size_t sample, double before, double after, double left) const;
   // Deep only: whether a sample does not belong to a stretch that is open; the begin of one, and
@@ -74,6 +93,7 @@ class GridIntegrator {
   const GridField& field_;
   const RenderOptions& options_;
   std::optional<ObliqueBox> box_;
+  std::optional<EngineMedium> medium_;
   std::vector<Real> code_;  // of the picture's appearance, where the field has codes
   RaySink sink_;
   bool has_moments_ = false, has_percentiles_ = false, has_deep_ = false;
@@ -88,6 +108,7 @@ class GridIntegrator {
   static constexpr size_t kStretch = 6;  // samples of a ray that are asked for at a time
   // Rays that meet matter, their samples one ray after the other.
   std::vector<Way> ways_;
+  std::vector<Seen> seen_;  // of each of them
   std::vector<Real> t_, delta_;
   std::vector<size_t> waiting_;      // rays that are not finished
   std::vector<Real> geometry_sums_;  // of each ray: features times weights, to be shaded
@@ -100,6 +121,7 @@ class GridIntegrator {
   std::vector<int32_t> shaded_begin_;
   int shaded_place_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];
+  SeenColour shaded_seen_[kChunkSamples];  // with a medium
   size_t shaded_stretch_[kChunkSamples];  // deep only: which of its ray's
   int shaded_ = 0, shaded_rays_ = 0;
   // Rays take turns, so that each colour may need a direction of its own.
