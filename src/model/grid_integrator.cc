@@ -66,6 +66,8 @@ void GridIntegrator::begin(const RaySink& sink) {
   seen_.clear();
   t_.clear();
   delta_.clear();
+  front_.clear();
+  samples_.with_fronts = medium_.has_value();
 }
 
 // Places the samples of a ray.
@@ -94,7 +96,9 @@ void GridIntegrator::add(const Ray& given, int place) {
   delta_.insert(delta_.end(), samples_.delta.begin(), samples_.delta.end());
   way.end = t_.size();
   ways_.push_back(way);
-  if (seen) seen_.push_back(*seen);
+  if (!seen) return;
+  seen_.push_back(*seen);
+  front_.insert(front_.end(), samples_.front.begin(), samples_.front.end());
 }
 
 void GridIntegrator::finish() {
@@ -265,7 +269,14 @@ std::pair<Real, Real> GridIntegrator::interval_of(const Way& way, size_t sample)
 void GridIntegrator::see(Seen& seen, const Way& way, size_t sample, Real weight,
                          double optical_depth, bool coloured) const {
   if (!(weight > 0)) return;
-  const auto [begin, end] = interval_of(way, sample);
+  // Where an interval has a gap its light is about the sample.
+  auto [begin, end] = interval_of(way, sample);
+  const Real front = front_[sample], back = front + delta_[sample];
+  const Real next = sample + 1 < way.end ? front_[sample + 1] : back;
+  if (std::fabs(next - back) <= 1e-3_r * delta_[sample]) {
+    begin = front;
+    end = back;
+  }
   const Veil veil = seen.medium.before(way.start + static_cast<double>(begin),
                                        way.start + static_cast<double>(end), optical_depth);
   for (int k = 0; k < 3; ++k) {

@@ -109,7 +109,7 @@ class GridIntegrator {
   // Rays that meet matter, their samples one ray after the other.
   std::vector<Way> ways_;
   std::vector<Seen> seen_;  // of each of them
-  std::vector<Real> t_, delta_;
+  std::vector<Real> t_, delta_, front_;  // the last with a medium
   std::vector<size_t> waiting_;      // rays that are not finished
   std::vector<Real> geometry_sums_;  // of each ray: features times weights, to be shaded
   // [kChunkSamples][geometry_features()]: of the chunk's samples, and of what waits for a colour.
