@@ -155,10 +155,8 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   internal::check_appearance(radiance.field(), options.appearance);
   internal::check_time(options.time, "RenderOptions::time");
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
-  RenderOptions drawn = options.layers ? for_layers(options) : options;
+  const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto medium = internal::engine_medium(radiance, options);
-  // No neighbour foretells where the box of a medium ends.
-  if (medium && medium->box) drawn.interpolated = 0;
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
     const Pose to_engine = info.to_engine.apply(camera_to_world);
