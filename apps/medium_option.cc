@@ -74,8 +74,9 @@ void expect(const Numbers& numbers, const char* key, size_t one, size_t other) {
   if (found == numbers.end()) return;
   const size_t n = found->second.size();
   if (n == one || n == other) return;
-  throw Error(fmt::format("{} has {} numbers", key, n), kOption,
-              one == other ? fmt::format("give {}", one) : fmt::format("give {} or {}", one, other));
+  throw Error(
+      fmt::format("{} has {} numbers", key, n), kOption,
+      one == other ? fmt::format("give {}", one) : fmt::format("give {} or {}", one, other));
 }
 
 }  // namespace
@@ -88,9 +89,9 @@ Medium parse_medium(const std::string& text, const ModelInfo& info) {
   for (const Kind& k : kKinds)
     if (parts.front() == k.name) kind = &k;
   if (!kind)
-    throw Error(fmt::format("'{}' is no medium", parts.front()), kOption,
-                nearest_name_hint(parts.front(),
-                                  std::vector<std::string>{"fog", "smoke", "water", "off"}));
+    throw Error(
+        fmt::format("'{}' is no medium", parts.front()), kOption,
+        nearest_name_hint(parts.front(), std::vector<std::string>{"fog", "smoke", "water", "off"}));
   const Numbers numbers = numbers_of(parts);
   expect(numbers, "sigma", 1, 3);
   expect(numbers, "colour", 3, 3);
@@ -103,7 +104,8 @@ Medium parse_medium(const std::string& text, const ModelInfo& info) {
   };
   medium.attenuation = kind->sigma * info.to_engine.scale;
   medium.colour = kind->colour;
-  if (const auto* s = all("sigma")) medium.attenuation = {s->front(), (*s)[s->size() / 2], s->back()};
+  if (const auto* s = all("sigma"))
+    medium.attenuation = {s->front(), (*s)[s->size() / 2], s->back()};
   medium.backscatter = medium.attenuation;
   if (const auto* c = all("colour")) medium.colour = Vec3d{(*c)[0], (*c)[1], (*c)[2]}.cast<Real>();
   if (const auto* h = all("height")) medium.height = h->front();

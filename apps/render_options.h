@@ -186,7 +186,8 @@ struct RenderCommand {
     v("medium", medium,
       "what the scene is seen through: fog, smoke or water; sigma is what weakens light, per input "
       "unit, of all channels or each; colour what is left to see, 0 to 1; falloff makes it thin "
-      "with height, from sigma at `height` on; box is where it ends, input coordinates; off: clear; "
+      "with height, from sigma at `height` on; box is where it ends, input coordinates; off: "
+      "clear; "
       "without it what nerf_train --medium has learnt",
       metavar("KIND[,sigma=N][,colour=R,G,B][,height=H,falloff=L][,box=X,Y,Z,X,Y,Z]"),
       brief("fog, smoke or water before the scene; off: clear"));

@@ -79,8 +79,8 @@ class SeeThrough : public Operation {
     for (int k = 0; k < 3; ++k) {
       const Real* x = c.data(colour) + k * c.stride(colour);
       const Real* dy = c.gradient(output()) + k * c.stride(output());
-      Real* dx = c.tape->needs_gradient(colour) ? c.gradient(colour) + k * c.stride(colour)
-                                                : nullptr;
+      Real* dx =
+          c.tape->needs_gradient(colour) ? c.gradient(colour) + k * c.stride(colour) : nullptr;
       const Real a = static_cast<Real>(m.attenuation[k]), b = static_cast<Real>(m.backscatter[k]);
       const Real own = static_cast<Real>(m.colour[k]);
       for (int64_t i = 0; i < n; ++i) {

@@ -80,8 +80,7 @@ void GridIntegrator::add(const Ray& given, int place) {
   if (medium_) seen.emplace(Seen{MediumRay(*medium_, given)});
   const Seen* const through = seen ? &*seen : nullptr;
   Ray ray = given;
-  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far))
-    return close(way, through);
+  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way, through);
   ++statistics_.rays;
   if (std::isinf(ray.clear)) return close(way, through);
   const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
@@ -376,8 +375,8 @@ void GridIntegrator::close(Way& way, const Seen* seen) {
   if (seen) {
     const Veil veil = seen->medium.behind();
     for (int k = 0; k < 3; ++k)
-      sink_.rgb[3 * place + static_cast<size_t>(k)] += static_cast<Real>(
-          seen->light[k] + way.transmittance * veil.over(k, way.background[k]));
+      sink_.rgb[3 * place + static_cast<size_t>(k)] +=
+          static_cast<Real>(seen->light[k] + way.transmittance * veil.over(k, way.background[k]));
     sink_.opacity[place] = static_cast<Real>(1 - way.transmittance * veil.mean_through());
   } else {
     for (int k = 0; k < 3; ++k)

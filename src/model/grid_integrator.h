@@ -108,10 +108,10 @@ class GridIntegrator {
   static constexpr size_t kStretch = 6;  // samples of a ray that are asked for at a time
   // Rays that meet matter, their samples one ray after the other.
   std::vector<Way> ways_;
-  std::vector<Seen> seen_;  // of each of them
+  std::vector<Seen> seen_;               // of each of them
   std::vector<Real> t_, delta_, front_;  // the last with a medium
-  std::vector<size_t> waiting_;      // rays that are not finished
-  std::vector<Real> geometry_sums_;  // of each ray: features times weights, to be shaded
+  std::vector<size_t> waiting_;          // rays that are not finished
+  std::vector<Real> geometry_sums_;      // of each ray: features times weights, to be shaded
   // [kChunkSamples][geometry_features()]: of the chunk's samples, and of what waits for a colour.
   AlignedArray<Real> geometry_, shaded_geometry_;
   // Of the chunk: parts of rays.
@@ -122,7 +122,7 @@ class GridIntegrator {
   int shaded_place_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];
   SeenColour shaded_seen_[kChunkSamples];  // with a medium
-  size_t shaded_stretch_[kChunkSamples];  // deep only: which of its ray's
+  size_t shaded_stretch_[kChunkSamples];   // deep only: which of its ray's
   int shaded_ = 0, shaded_rays_ = 0;
   // Rays take turns, so that each colour may need a direction of its own.
   static_assert(kChunkRays >= kChunkSamples);

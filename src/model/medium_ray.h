@@ -55,9 +55,9 @@ class MediumRay {
   Veil veil(double amount, double within, double optical_depth) const;
 
   const EngineMedium* medium_;
-  double from_, to_;       // distances between which there is any
-  double exponent_ = 0;    // of the density at distance 0
-  double slope_ = 0;       // its change per unit
+  double from_, to_;     // distances between which there is any
+  double exponent_ = 0;  // of the density at distance 0
+  double slope_ = 0;     // its change per unit
 };
 
 // Mean of exp(-m s) over s in [0, 1], by the light that matter of an optical depth stops which is

@@ -244,9 +244,9 @@ RadianceField read_model(const ContainerReader& file) {
         file.where());
 
   options.table_bits = kTableBits;
-  auto field = std::make_shared<GridField>(options, info.unbounded, cascades,
-                                           codes_from(file, header), motion_from(header),
-                                           medium_from(header));
+  auto field =
+      std::make_shared<GridField>(options, info.unbounded, cascades, codes_from(file, header),
+                                  motion_from(header), medium_from(header));
   file.read("table", field->half_table.span());
   read_weights(file, field->weights.span(), field->network_size());
   std::vector<uint8_t> levels(field->occupancy.levels().size());

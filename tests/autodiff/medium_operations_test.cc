@@ -32,21 +32,22 @@ TEST(Gradient, SeeThrough) {
   for (const int numbers : {kFogNumbers, kWaterNumbers})
     for (int needs = 0; needs < 4; ++needs) {
       const LinearWeights w{0, numbers, 1};
-      check_operation({"see_through",
-                       {{3, kSamples, (needs & 1) != 0, 0, 1}, {1, kSamples, (needs & 2) != 0, 0, 3}},
-                       {w},
-                       [&](Tape& t, const Values& v) { return Values{see_through(t, v[0], v[1], w)}; },
-                       60},
-                      [&]<class T>(const Given<T>& v) -> Outputs<T> {
-                        using std::exp;
-                        const MediumOf<T> m(v.weights, w);
-                        Columns<T> out = v[0];
-                        for (size_t i = 0; i < out.size(); ++i)
-                          for (size_t k = 0; k < 3; ++k)
-                            out[i][k] = exp(-m.attenuation[k] * v[1][i][0]) * v[0][i][k] +
-                                        (T(1) - exp(-m.backscatter[k] * v[1][i][0])) * m.colour[k];
-                        return {out};
-                      });
+      check_operation(
+          {"see_through",
+           {{3, kSamples, (needs & 1) != 0, 0, 1}, {1, kSamples, (needs & 2) != 0, 0, 3}},
+           {w},
+           [&](Tape& t, const Values& v) { return Values{see_through(t, v[0], v[1], w)}; },
+           60},
+          [&]<class T>(const Given<T>& v) -> Outputs<T> {
+            using std::exp;
+            const MediumOf<T> m(v.weights, w);
+            Columns<T> out = v[0];
+            for (size_t i = 0; i < out.size(); ++i)
+              for (size_t k = 0; k < 3; ++k)
+                out[i][k] = exp(-m.attenuation[k] * v[1][i][0]) * v[0][i][k] +
+                            (T(1) - exp(-m.backscatter[k] * v[1][i][0])) * m.colour[k];
+            return {out};
+          });
     }
 }
 
@@ -63,8 +64,7 @@ TEST(Gradient, OverMedium) {
                         const MediumOf<T> m(v.weights, w);
                         Columns<T> out = v[0];
                         for (auto& p : out)
-                          for (size_t k = 0; k < 3; ++k)
-                            p[k] = p[k] + (T(1) - p[3]) * m.colour[k];
+                          for (size_t k = 0; k < 3; ++k) p[k] = p[k] + (T(1) - p[3]) * m.colour[k];
                         return {out};
                       });
     }

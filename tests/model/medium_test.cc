@@ -111,7 +111,8 @@ TEST(Medium, AmountsAreIntegralsOfTheDensity) {
     return m.falloff ? std::exp(-(dot(up, p) - m.height) / *m.falloff) : 1.0;
   };
   for (const Medium& m : {fog(), height, box, both})
-    for (const Vec3d& d : {Vec3d{1, 0.2, -0.3}, Vec3d{0.1, -1, 0.8}, Vec3d{0, 0, 1}, Vec3d{1, 0, 0}}) {
+    for (const Vec3d& d :
+         {Vec3d{1, 0.2, -0.3}, Vec3d{0.1, -1, 0.8}, Vec3d{0, 0, 1}, Vec3d{1, 0, 0}}) {
       Ray ray;
       ray.origin = {-1, 0.3, 0.1};
       ray.direction = normalized(d);
@@ -231,7 +232,8 @@ TEST(Medium, AWallInFogHasItsClosedForm) {
   options.precision = Precision::kF32;
   const Frame f = render(field, test::pinhole(9, 9, 40), pose, options, pool);
   for (size_t p = 0; p < f.alpha.size(); ++p) {
-    const double x = (static_cast<double>(p % 9) - 4) / 40, y = (static_cast<double>(p / 9) - 4) / 40;
+    const double x = (static_cast<double>(p % 9) - 4) / 40,
+                 y = (static_cast<double>(p / 9) - 4) / 40;
     const double d = 4.6 * std::sqrt(1 + x * x + y * y);
     for (int k = 0; k < 3; ++k) {
       const double left = std::exp(-options.medium->attenuation[k] * d);
@@ -275,8 +277,8 @@ TEST(Medium, ANetworksFieldIsSeenThroughItToo) {
   const RayResults r = integrate(field, std::vector{ray}, {.deep = true}, options, pool);
   const double density = std::log1p(std::exp(1.0));
   const Vec3d truth = quadrature(
-      fog(), [](double) { return 1.0; },
-      [&](double t) { return t > 0.5 && t < 5 ? density : 0.0; }, 7, ray.background);
+      fog(), [](double) { return 1.0; }, [&](double t) { return t > 0.5 && t < 5 ? density : 0.0; },
+      7, ray.background);
   for (size_t k = 0; k < 3; ++k) {
     EXPECT_NEAR(r.rgb[k], truth[static_cast<int>(k)], 2e-4);
     double deep = 0;
@@ -292,8 +294,7 @@ TEST(Medium, DeepSamplesAddUpToThePixel) {
   ThreadPool pool(1);
   RenderOptions options = exact();
   options.medium = fog();
-  const RayResults r =
-      integrate(field, std::vector{along_x()}, {.deep = true}, options, pool);
+  const RayResults r = integrate(field, std::vector{along_x()}, {.deep = true}, options, pool);
   const double left = std::exp(-2.0);
   for (size_t k = 0; k < 3; ++k) {
     double sum = left * static_cast<double>(options.medium->colour[static_cast<int>(k)]);
@@ -367,14 +368,14 @@ TEST(Medium, InsertedObjectsStandInIt) {
     const Frame f =
         render(field, test::pinhole(9, 9, 200), pose, options, pool, {}, nullptr, &object);
     const auto everywhere = [](double) { return 1.0; };
-    const Vec3d behind = quadrature(
-        fog(), everywhere, [](double t) { return t < 0.6 ? 1.0 : 0.0; }, 60, Vec3());
+    const Vec3d behind =
+        quadrature(fog(), everywhere, [](double t) { return t < 0.6 ? 1.0 : 0.0; }, 60, Vec3());
     Vec3 back;
     const double own[3] = {0.2, 0.4, 0.9};
     for (int k = 0; k < 3; ++k)
       back[k] = static_cast<Real>(alpha * own[k] + (1 - alpha) * behind[k]);
-    const Vec3d truth = quadrature(
-        fog(), everywhere, [](double t) { return t > 2 ? 1.0 : 0.0; }, 3.4, back);
+    const Vec3d truth =
+        quadrature(fog(), everywhere, [](double t) { return t > 2 ? 1.0 : 0.0; }, 3.4, back);
     for (int k = 0; k < 3; ++k)
       EXPECT_NEAR(f.rgb[3 * (f.alpha.size() / 2) + static_cast<size_t>(k)], truth[k], 5e-4);
   }

@@ -35,8 +35,7 @@ inline Photo fogged_photo(const Medium& m, const Camera& camera, const Pose& pos
     for (int x = 0; x < camera.width; ++x) {
       double sum[3] = {0, 0, 0};
       for (int s = 0; s < sub * sub; ++s) {
-        const auto d =
-            unproject(camera, {x + (s % sub + 0.5) / sub, y + (s / sub + 0.5) / sub});
+        const auto d = unproject(camera, {x + (s % sub + 0.5) / sub, y + (s / sub + 0.5) / sub});
         double rgb[3];
         fogged_colour(m, pose.translation, normalized(pose.rotation * *d), rgb);
         for (int k = 0; k < 3; ++k) sum[k] += rgb[k] / (sub * sub);

@@ -113,7 +113,7 @@ struct GridField final : Field {
   AlignedArray<Real> table;
   AlignedArray<uint16_t> half_table;
   std::vector<LinearWeights> density_layers, colour_layers;
-  MotionNetworks motion;  // empty: the scene stands still
+  MotionNetworks motion;         // empty: the scene stands still
   LinearWeights medium_numbers;  // see_through(); none: photos were not taken through a medium
   CodeBooks books;
   // Of both networks, those of motion, the medium, then the books.

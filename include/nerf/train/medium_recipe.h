@@ -11,8 +11,7 @@ namespace nerf {
 struct Scene;
 
 inline auto option_names(LearntMedium) {
-  return std::array{OptionName{LearntMedium::kNone, "none"},
-                    OptionName{LearntMedium::kFog, "fog"},
+  return std::array{OptionName{LearntMedium::kNone, "none"}, OptionName{LearntMedium::kFog, "fog"},
                     OptionName{LearntMedium::kWater, "water"}};
 }
 
@@ -24,7 +23,8 @@ struct MediumRecipe {
   void visit_options(V& v) {
     v("medium", medium,
       "what the photos were taken through, learnt with the scene: fog, of one density for all "
-      "colours, or water, which weakens what is in it and adds its own light by channel; nerf_render "
+      "colours, or water, which weakens what is in it and adds its own light by channel; "
+      "nerf_render "
       "shows the scene through it, or clear with --medium off");
     v("medium_rate", rate, "step size of the medium's numbers, as a share of the networks'",
       above(0), at_most(10));
