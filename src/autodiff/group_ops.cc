@@ -19,10 +19,10 @@ class GroupLight : public Operation {
   void forward(Chunk& c) const override {
     const Real* w = c.data(inputs()[0]);
     const double most = static_cast<double>(most_), stop = static_cast<double>(stop_);
-    Chunk::Groups& groups = c.groups;
-    groups.count = 0;
+    GroupState& groups = c.state<GroupState>(output());
+    int count = 0;
     const auto belongs_to_none = [&](int from, int to) {
-      const int last = std::max(groups.count - 1, 0);
+      const int last = std::max(count - 1, 0);
       std::fill(groups.of.begin() + from, groups.of.begin() + to, last);
       std::fill(groups.share.begin() + from, groups.share.begin() + to, 0.0_r);
       std::fill(groups.per_light.begin() + from, groups.per_light.begin() + to, 0.0_r);
@@ -31,16 +31,16 @@ class GroupLight : public Operation {
       const double inverse = 1 / (light + reference::kLeastLight * (end - begin));
       for (int i = begin; i < end; ++i) {
         const size_t s = static_cast<size_t>(i);
-        groups.of[s] = groups.count;
+        groups.of[s] = count;
         groups.share[s] =
             static_cast<Real>((static_cast<double>(w[i]) + reference::kLeastLight) * inverse);
         groups.per_light[s] = static_cast<Real>(inverse);
       }
-      c.data(output())[groups.count++] = static_cast<Real>(light);
+      c.data(output())[count++] = static_cast<Real>(light);
     };
     belongs_to_none(0, c.ray_begin[0]);
     for (int r = 0; r < c.rays; ++r) {
-      groups.of_rays[static_cast<size_t>(r)] = groups.count;
+      groups.begin[static_cast<size_t>(r)] = count;
       const int end = c.ray_begin[r + 1];
       int begin = c.ray_begin[r], i = begin;
       double light = 0, left = 1;
@@ -57,14 +57,25 @@ class GroupLight : public Operation {
       if (i > begin) close(begin, i, light);
       belongs_to_none(i, end);
     }
-    groups.of_rays[static_cast<size_t>(c.rays)] = groups.count;
+    groups.begin[static_cast<size_t>(c.rays)] = count;
     belongs_to_none(c.ray_begin[c.rays], static_cast<int>(round_up(c.samples, kLane)));
-    std::fill(c.data(output()) + groups.count, c.data(output()) + round_up(groups.count, kLane),
-              0.0_r);
+    std::fill(c.data(output()) + count, c.data(output()) + round_up(count, kLane), 0.0_r);
+    c.groups = count;
+    c.group_begin = groups.begin.data();
+  }
+
+  std::unique_ptr<OperationState> make_state(const Tape& tape) const override {
+    auto state = std::make_unique<GroupState>();
+    const size_t samples = static_cast<size_t>(tape.capacity(Domain::kSamples));
+    state->of.resize(samples);
+    state->share.resize(samples);
+    state->per_light.resize(samples);
+    state->begin.resize(static_cast<size_t>(tape.capacity(Domain::kRays)) + 1);
+    return state;
   }
 
   void backward(Chunk& c) const override {
-    const Chunk::Groups& groups = c.groups;
+    const GroupState& groups = c.state<GroupState>(output());
     const Real* d_light = c.gradient(output());
     Real* dw = c.gradient(inputs()[0]);
     if (overwrites(0)) std::fill(dw, dw + round_up(c.samples, kLane), 0.0_r);
@@ -78,7 +89,8 @@ class GroupLight : public Operation {
 
 class MeanOfGroups : public Operation {
  public:
-  MeanOfGroups(Value weights, Value x, Value y) : Operation({weights, x}, y) {}
+  MeanOfGroups(Value light, Value weights, Value x, Value y)
+      : Operation({weights, x}, y), light_(light) {}
   const char* name() const override { return "mean_of_groups"; }
 
   void forward(Chunk& c) const override {
@@ -99,10 +111,12 @@ class MeanOfGroups : public Operation {
   }
 
  private:
-  static SampleGroups groups_of(const Chunk& c) {
-    return {c.samples, c.groups.count, c.groups.of.data(), c.groups.share.data(),
-            c.groups.per_light.data()};
+  SampleGroups groups_of(Chunk& c) const {
+    const GroupState& groups = c.state<GroupState>(light_);
+    return {c.samples, c.groups, groups.of.data(), groups.share.data(), groups.per_light.data()};
   }
+
+  Value light_;
 };
 
 }  // namespace
@@ -115,12 +129,13 @@ Value group_light(Tape& tape, Value weights, Real most, Real stop) {
   return light;
 }
 
-Value mean_of_groups(Tape& tape, Value weights, Value x) {
-  NERF_CHECK_EQ(tape.rows(weights), 1);
-  NERF_CHECK(tape.domain(weights) == Domain::kSamples && tape.domain(x) == Domain::kSamples);
+Value mean_of_groups(Tape& tape, Value light, Value x) {
+  const auto* groups = dynamic_cast<const GroupLight*>(tape.producer(light));
+  NERF_CHECK(groups && tape.domain(x) == Domain::kSamples);
+  const Value weights = groups->inputs()[0];
   const Value from[] = {weights, x};
   const Value y = tape.output(tape.rows(x), Domain::kGroups, from);
-  tape.record(std::make_unique<MeanOfGroups>(weights, x, y));
+  tape.record(std::make_unique<MeanOfGroups>(light, weights, x, y));
   return y;
 }
 

@@ -11,7 +11,7 @@ namespace nerf::internal {
 
 // The columns of v that belong to each ray.
 inline RayRanges rays_of(const Chunk& c, Value v) {
-  return {c.tape->domain(v) == Domain::kGroups ? c.groups.of_rays.data() : c.ray_begin, c.rays};
+  return {c.tape->domain(v) == Domain::kGroups ? c.group_begin : c.ray_begin, c.rays};
 }
 inline ColourRows<const Real> data_rows(Chunk& c, Value v) { return {c.data(v), c.stride(v)}; }
 inline ColourRows<Real> gradient_rows(Chunk& c, Value v) { return {c.gradient(v), c.stride(v)}; }

@@ -17,13 +17,23 @@ class Roulette : public Operation {
 
   void forward(Chunk&) const override {}
 
+  std::unique_ptr<OperationState> make_state(const Tape& tape) const override {
+    auto state = std::make_unique<RouletteState>();
+    const size_t samples = static_cast<size_t>(tape.capacity(Domain::kSamples));
+    state->kept.resize(samples);
+    state->norms.resize(samples);
+    state->factor.resize(samples);
+    state->ray_begin.resize(static_cast<size_t>(tape.capacity(Domain::kRays)) + 1);
+    return state;
+  }
+
   void backward(Chunk& c) const override {
     const Value x = inputs()[0];
     NERF_CHECK(!overwrites(0));  // nothing after it reads x
     const int64_t ld = c.stride(x);
     const int rows = c.tape->rows(x);
     Real* dx = c.gradient(x);
-    Chunk::Roulette& r = c.roulette;
+    RouletteState& r = c.state<RouletteState>(output());
     column_norms(rows, c.samples, dx, ld, r.norms.data());
     const int64_t count = gradient_roulette(c.samples, r.norms.data(), least_, r.offset,
                                             r.kept.data(), r.factor.data());
@@ -39,7 +49,7 @@ class Roulette : public Operation {
         keep_pairs(c.tape->rows(v), r.kept.data(), count, c.pairs(v));
       else
         keep_columns(c.tape->rows(v), r.kept.data(), count, c.data(v), c.stride(v));
-    // Of each ray what is left of it.
+    // Offsets of the samples that remain of each ray.
     int64_t at = 0;
     for (int ray = 0; ray <= c.rays; ++ray) {
       while (at < count && r.kept[static_cast<size_t>(at)] < c.ray_begin[ray]) ++at;
@@ -56,7 +66,7 @@ class Roulette : public Operation {
 
 }  // namespace
 
-void roulette(Tape& tape, Value x, Real least) {
+Value roulette(Tape& tape, Value x, Real least) {
   NERF_CHECK(tape.domain(x) == Domain::kSamples && tape.needs_gradient(x));
   const Value out = tape.output(1, Domain::kRays, {&x, 1});
   std::vector<Value> values;
@@ -65,6 +75,7 @@ void roulette(Tape& tape, Value x, Real least) {
     if (tape.domain(v) == Domain::kSamples) values.push_back(v);
   }
   tape.record(std::make_unique<Roulette>(x, out, std::move(values), least));
+  return out;
 }
 
 }  // namespace nerf

@@ -57,16 +57,10 @@ class Arena {
 
 }  // namespace
 
-Chunk::Chunk(const Tape& t) : tape(&t), arena(t.arena_floats()), bound(t.values_.size()) {
-  const size_t samples = static_cast<size_t>(t.capacity(Domain::kSamples));
-  groups.of.resize(samples);
-  groups.share.resize(samples);
-  groups.per_light.resize(samples);
-  groups.of_rays.resize(static_cast<size_t>(t.capacity(Domain::kRays)) + 1);
-  roulette.ray_begin.resize(groups.of_rays.size());
-  roulette.kept.resize(samples);
-  roulette.norms.resize(samples);
-  roulette.factor.resize(samples);
+Chunk::Chunk(const Tape& t)
+    : tape(&t), arena(t.arena_floats()), bound(t.values_.size()), states_(t.values_.size()) {
+  for (const auto& operation : t.operations_)
+    states_[static_cast<size_t>(operation->output())] = operation->make_state(t);
 }
 
 void Chunk::bind(Value v, Real* data, Real* gradient) {
@@ -103,7 +97,7 @@ int64_t Chunk::count(Value v) const {
     case Domain::kRays:
       return rays;
     case Domain::kGroups:
-      return groups.count;
+      return groups;
   }
   return 0;
 }

@@ -92,8 +92,9 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
   density_layers = place_layers(shape.features() + motion.rows(), o.hidden, o.density_layers,
                                 o.geometry_features, size);
   const int code = shape_of_codes.any() ? shape_of_codes.appearance : 0;
-  colour_layers = place_layers(o.geometry_features + kSphericalHarmonics + code, o.hidden,
-                               o.colour_layers, 3, size);
+  const int direction = learnt == LearntMedium::kNone ? kSphericalHarmonics : 0;
+  colour_layers =
+      place_layers(o.geometry_features + direction + code, o.hidden, o.colour_layers, 3, size);
   motion = MotionNetworks(shape_of_motion, size);
   if (learnt != LearntMedium::kNone)
     medium_numbers = {motion.end, learnt == LearntMedium::kFog ? kFogNumbers : kWaterNumbers, 1};
@@ -202,7 +203,7 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     seen_by_density = concat(tape, features, record_moment(tape, field.motion, contracted, code));
   }
   geometry = mlp(tape, seen_by_density, field.density_layers);
-  if (training && losses.roulette) roulette(tape, geometry, *losses.roulette);
+  if (training && losses.roulette) gradient_roulette = roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
   if (sloped) {
@@ -212,7 +213,10 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     return;
   }
   const auto colour_of = [&](Value geometry_features, Domain domain) {
-    Value seen = concat(tape, geometry_features, view_code(tape, directions, domain));
+    // A colour that may depend on the direction would explain the medium between as well.
+    Value seen = field.medium_numbers.out > 0
+                     ? geometry_features
+                     : concat(tape, geometry_features, view_code(tape, directions, domain));
     if (codes.out > 0) {
       const Value of_rays = training ? table_rows(tape, photo, codes) : code;
       seen = concat(tape, seen, repeat_for(tape, of_rays, domain));
@@ -222,9 +226,10 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   const bool grouped = training && losses.shared_colour > 0;
   const bool seen_through = training && field.medium_numbers.out > 0;
   if (seen_through) distance = tape.input(1, Domain::kSamples);
-  const auto seen = [&](Value own) {
+  // With groups at the mean distance of each.
+  const auto seen = [&](Value own, Value light = -1) {
     if (!seen_through) return own;
-    const Value at = grouped ? mean_of_groups(tape, image.weights, distance) : distance;
+    const Value at = grouped ? mean_of_groups(tape, light, distance) : distance;
     return see_through(tape, own, at, field.medium_numbers);
   };
   if (!grouped) colour = colour_of(geometry, Domain::kSamples);
@@ -234,8 +239,8 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   if (grouped) {
     const Value light =
         group_light(tape, image.weights, losses.shared_colour, losses.stop_transmittance);
-    colour = colour_of(mean_of_groups(tape, image.weights, geometry), Domain::kGroups);
-    image.pixel = accumulate(tape, light, seen(colour), background);
+    colour = colour_of(mean_of_groups(tape, light, geometry), Domain::kGroups);
+    image.pixel = accumulate(tape, light, seen(colour, light), background);
   } else if (training && losses.on_weights) {
     image.pixel = accumulate(tape, image.weights, seen(colour), background);
   } else {

@@ -76,9 +76,9 @@ void GridIntegrator::add(const Ray& given, int place) {
   way.place = place;
   way.background = given.background;
   way.time = given.time;
-  std::optional<Seen> seen;
-  if (medium_) seen.emplace(Seen{MediumRay(*medium_, given)});
-  const Seen* const through = seen ? &*seen : nullptr;
+  std::optional<SeenLight> seen;
+  if (medium_) seen.emplace(SeenLight{MediumRay(*medium_, given), {}, {}, {}});
+  const SeenLight* const through = seen ? &*seen : nullptr;
   Ray ray = given;
   if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way, through);
   ++statistics_.rays;
@@ -215,9 +215,11 @@ void GridIntegrator::composite(int part) {
       shared += weight;
       add_weighted(features, weight, geometry_.data() + static_cast<size_t>(i) * features, sums);
     }
-    if (medium_)
-      see(seen_[w], way, first + static_cast<size_t>(i), weight,
-          static_cast<double>(density[i]) * static_cast<double>(delta_row_[i]), coloured);
+    if (medium_ && weight > 0) {
+      const auto [front, back] = stretch_of(way, first + static_cast<size_t>(i));
+      seen_[w].add(front, back, double{density[i]} * double{delta_row_[i]}, double{weight},
+                   coloured);
+    }
     if (has_moments_) {
       const double light = transmittance * alpha, distance = way.start + t[i];
       way.light += light;
@@ -265,26 +267,12 @@ std::pair<Real, Real> GridIntegrator::interval_of(const Way& way, size_t sample)
   return {begin, end};
 }
 
-void GridIntegrator::see(Seen& seen, const Way& way, size_t sample, Real weight,
-                         double optical_depth, bool coloured) const {
-  if (!(weight > 0)) return;
-  // Where an interval has a gap its light is about the sample.
-  auto [begin, end] = interval_of(way, sample);
+std::pair<double, double> GridIntegrator::stretch_of(const Way& way, size_t sample) const {
   const Real front = front_[sample], back = front + delta_[sample];
   const Real next = sample + 1 < way.end ? front_[sample + 1] : back;
-  if (std::fabs(next - back) <= 1e-3_r * delta_[sample]) {
-    begin = front;
-    end = back;
-  }
-  const Veil veil = seen.medium.before(way.start + static_cast<double>(begin),
-                                       way.start + static_cast<double>(end), optical_depth);
-  for (int k = 0; k < 3; ++k) {
-    const double haze = static_cast<double>(weight) * veil.haze[k];
-    seen.light[k] += haze;
-    if (!coloured) continue;
-    seen.through[k] += static_cast<double>(weight) * veil.through[k];
-    seen.haze[k] += haze;
-  }
+  const bool whole = std::fabs(next - back) <= 1e-3_r * delta_[sample];
+  const auto [begin, end] = whole ? std::pair{front, back} : interval_of(way, sample);
+  return {way.start + static_cast<double>(begin), way.start + static_cast<double>(end)};
 }
 
 bool GridIntegrator::is_apart(const Way& way, Real t, Real delta, Real weight) {
@@ -328,11 +316,9 @@ void GridIntegrator::add_shaded(size_t w, Real shared, double transmittance) {
   }
   shaded_place_[static_cast<size_t>(shaded_)] = way.place;
   shaded_weight_[static_cast<size_t>(shaded_)] = shared;
-  for (size_t k = 0; medium_ && k < 3; ++k) {
-    Seen& seen = seen_[w];
-    SeenColour& colour = shaded_seen_[shaded_];
-    colour.through[k] = static_cast<Real>(std::exchange(seen.through[k], 0.0));
-    colour.haze[k] = static_cast<Real>(std::exchange(seen.haze[k], 0.0));
+  if (medium_) {
+    shaded_through_[shaded_] = std::exchange(seen_[w].through, Vec3d()).cast<Real>();
+    shaded_haze_[shaded_] = std::exchange(seen_[w].haze, Vec3d()).cast<Real>();
   }
   if (has_deep_) shaded_stretch_[static_cast<size_t>(shaded_)] = sink_.deep[way.place].size() - 1;
   ++shaded_;
@@ -354,23 +340,19 @@ void GridIntegrator::shade() {
   const int64_t lc = shading_.stride(tape_.colour);
   for (int i = 0; i < shaded_; ++i) {
     const size_t place = static_cast<size_t>(shaded_place_[static_cast<size_t>(i)]);
-    const SeenColour& seen = shaded_seen_[i];
-    for (size_t k = 0; k < 3; ++k)
-      sink_.rgb[3 * place + k] +=
-          (medium_ ? seen.through[k] : shaded_weight_[static_cast<size_t>(i)]) *
-          colour[static_cast<int64_t>(k) * lc + i];
-    if (has_deep_) {
-      DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
-      for (size_t k = 0; k < 3; ++k)
-        stretch.rgb[k] = (medium_ ? seen.through[k] : shaded_weight_[static_cast<size_t>(i)]) *
-                             colour[static_cast<int64_t>(k) * lc + i] +
-                         (medium_ ? seen.haze[k] : 0);
-    }
+    const Real weight = shaded_weight_[static_cast<size_t>(i)];
+    const Vec3 through = medium_ ? shaded_through_[i] : Vec3{weight, weight, weight};
+    for (int k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + static_cast<size_t>(k)] += through[k] * colour[k * lc + i];
+    if (!has_deep_) continue;
+    DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
+    for (int k = 0; k < 3; ++k)
+      stretch.rgb[k] = through[k] * colour[k * lc + i] + (medium_ ? shaded_haze_[i][k] : 0);
   }
   shaded_ = shaded_rays_ = 0;
 }
 
-void GridIntegrator::close(Way& way, const Seen* seen) {
+void GridIntegrator::close(Way& way, const SeenLight* seen) {
   const size_t place = static_cast<size_t>(way.place);
   if (seen) {
     const Veil veil = seen->medium.behind();

@@ -51,19 +51,8 @@ class GridIntegrator {
     bool finished = false;
   };
 
-  // What a ray's medium does to its light, with a medium alone.
-  struct Seen {
-    MediumRay medium;
-    double through[3] = {0, 0, 0};  // of what is summed for one colour: weights times Veil::through
-    double haze[3] = {0, 0, 0};     // likewise
-    double light[3] = {0, 0, 0};    // the haze of all samples so far
-  };
-  struct SeenColour {
-    Real through[3], haze[3];
-  };
-  // Adds a sample of the ray, of an optical depth, and then whether it shares a colour.
-  void see(Seen& seen, const Way& way, size_t sample, Real weight, double optical_depth,
-           bool coloured) const;
+  // Of a sample, for a medium: from the camera. Where its interval has a gap, about the sample.
+  std::pair<double, double> stretch_of(const Way& way, size_t sample) const;
 
   void ask();
   // As many of the ray's samples before `until` as the chunk has room for.
@@ -77,8 +66,8 @@ class GridIntegrator {
   // with others. `transmittance`: behind them.
   void add_shaded(size_t way, Real shared, double transmittance);
   void shade();
-  void close(Way& way, const Seen* seen);
-  const Seen* seen_of(size_t way) const { return medium_ ? seen_.data() + way : nullptr; }
+  void close(Way& way, const SeenLight* seen);
+  const SeenLight* seen_of(size_t way) const { return medium_ ? seen_.data() + way : nullptr; }
   // Of a sample, as far as it does not reach beyond the middles between samples: from the entry.
   std::pair<Real, Real> interval_of(const Way& way, size_t sample) const;
   // Distance from the entry at which `left` of the light is left, in a sample that leaves `after`.
@@ -108,7 +97,7 @@ class GridIntegrator {
   static constexpr size_t kStretch = 6;  // samples of a ray that are asked for at a time
   // Rays that meet matter, their samples one ray after the other.
   std::vector<Way> ways_;
-  std::vector<Seen> seen_;               // of each of them
+  std::vector<SeenLight> seen_;          // of each of them
   std::vector<Real> t_, delta_, front_;  // the last with a medium
   std::vector<size_t> waiting_;          // rays that are not finished
   std::vector<Real> geometry_sums_;      // of each ray: features times weights, to be shaded
@@ -121,8 +110,8 @@ class GridIntegrator {
   std::vector<int32_t> shaded_begin_;
   int shaded_place_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];
-  SeenColour shaded_seen_[kChunkSamples];  // with a medium
-  size_t shaded_stretch_[kChunkSamples];   // deep only: which of its ray's
+  Vec3 shaded_through_[kChunkSamples], shaded_haze_[kChunkSamples];  // SeenLight's
+  size_t shaded_stretch_[kChunkSamples];  // deep only: which of its ray's
   int shaded_ = 0, shaded_rays_ = 0;
   // Rays take turns, so that each colour may need a direction of its own.
   static_assert(kChunkRays >= kChunkSamples);

@@ -60,6 +60,23 @@ class MediumRay {
   double slope_ = 0;     // its change per unit
 };
 
+// What a ray's samples show through it, added up from the front.
+struct SeenLight {
+  MediumRay medium;
+  // Weights times Veil::through and times Veil::haze of samples that are to get one colour.
+  Vec3d through, haze;
+  Vec3d light;  // the haze of all samples so far
+
+  // A sample between two distances, and whether it is to get a colour.
+  void add(double front, double back, double optical_depth, double weight, bool coloured) {
+    const Veil veil = medium.before(front, back, optical_depth);
+    light = light + veil.haze * weight;
+    if (!coloured) return;
+    through = through + veil.through * weight;
+    haze = haze + veil.haze * weight;
+  }
+};
+
 // Mean of exp(-m s) over s in [0, 1], by the light that matter of an optical depth stops which is
 // spread evenly there:  integral of a exp(-(a + m) s) ds / (1 - exp(-a)).
 double mean_transmittance(double optical_depth, double m);

@@ -137,13 +137,14 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       bind(c, tape, chunk);
       set_loss(c, tape, chunk);
       Random random(seed(), static_cast<uint64_t>(done), random_key(RandomStream::kRoulette, c));
-      chunk.roulette.offset = static_cast<double>(random.uniform());
+      chunk.state<RouletteState>(tape.gradient_roulette).offset =
+          static_cast<double>(random.uniform());
       tape.tape.forward(chunk);
       chunk_colours[static_cast<size_t>(c)] = chunk.count(tape.colour);
       if (robust && !open) leave_out(c, tape, random, chunk);
       if (has_losses_on_weights()) add_losses_on_weights(c, tape, chunk);
       tape.tape.backward(chunk);
-      keep_samples(c, chunk);
+      keep_samples(c, tape, chunk);
       if (moving && cameras)
         for (int k = 0; k < 3; ++k)
           std::copy_n(chunk.gradient(tape.position) + k * chunk.stride(tape.position),

@@ -209,13 +209,13 @@ void GridTrainer::look_up() {
                        });
 }
 
-void GridTrainer::keep_samples(int64_t c, Chunk& chunk) {
+void GridTrainer::keep_samples(int64_t c, const GridTape& tape, Chunk& chunk) {
+  const int32_t* const kept = chunk.state<RouletteState>(tape.gradient_roulette).kept.data();
   chunk_kept[static_cast<size_t>(c)] = chunk.samples;
-  batch.keep_points(static_cast<int>(c), chunk.roulette.kept.data(), chunk.samples);
+  batch.keep_points(static_cast<int>(c), kept, chunk.samples);
   if (!moving) return;
   for (auto* a : {&moving->x, &moving->y, &moving->z})
-    keep_columns(1, chunk.roulette.kept.data(), chunk.samples, a->data() + c * kChunkSamples,
-                 kChunkSamples);
+    keep_columns(1, kept, chunk.samples, a->data() + c * kChunkSamples, kChunkSamples);
   std::copy_n(chunk.ray_begin, chunk.rays + 1, moving->ray_begin.data() + c * (kChunkRays + 1));
 }
 

@@ -100,7 +100,7 @@ struct GridTrainer final : TrainerImpl {
   bool has_losses_on_weights() const { return distortion > 0 || depth_weight > 0; }
   void add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
-  void keep_samples(int64_t c, Chunk& chunk);
+  void keep_samples(int64_t c, const GridTape& tape, Chunk& chunk);
   // What the report says of chunk c's pixels.
   void note_pixels(int64_t c, const GridTape& tape, const Chunk& chunk);
   // Of positions (grid_positions.cc): the samples' places in the canonical scene; the gradient by

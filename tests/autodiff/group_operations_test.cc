@@ -34,7 +34,7 @@ TEST(Gradient, MeanOfGroups) {
          {},
          [](Tape& t, const Values& v) {
            const Value light = group_light(t, v[0], kMost, kStop);
-           return Values{mean_of_groups(t, v[0], v[1]), light};
+           return Values{mean_of_groups(t, light, v[1]), light};
          },
          120},
         []<class T>(const Given<T>& v) -> Outputs<T> {
@@ -57,7 +57,7 @@ TEST(Gradient, ColoursOfGroups) {
        [](Tape& t, const Values& v) {
          const Value weights = render_weights(t, softplus(t, v[0], -1), v[2], false);
          const Value light = group_light(t, weights, kMost, kStop);
-         const Value features = mean_of_groups(t, weights, v[1]);
+         const Value features = mean_of_groups(t, light, v[1]);
          const Value input = concat(t, features, view_code(t, v[3], kGroups));
          const Value colour = sigmoid(t, linear(t, input, w, LinearActivation::kNone));
          return Values{accumulate(t, light, colour, v[4]), features, weights, v[1]};
@@ -82,7 +82,7 @@ TEST(Groups, EndWhereTheirLightIsEnough) {
   const Rays rays{0, 0, 8, 9};
   Tape tape(16, 4);
   const Value weights = tape.input(1, kSamples), light = group_light(tape, weights, 0.125_r, 0.1_r);
-  const Value x = tape.input(1, kSamples), mean = mean_of_groups(tape, weights, x);
+  const Value x = tape.input(1, kSamples), mean = mean_of_groups(tape, light, x);
   tape.plan();
   Chunk chunk(tape);
   chunk.samples = 9;
@@ -95,20 +95,21 @@ TEST(Groups, EndWhereTheirLightIsEnough) {
   tape.forward(chunk);
   // {0, 1}, {2}, {3} alone, {4, 5}, {6}; 0.09 of the light are left before 7, which is in none; the
   // last ray has no light at all.
-  ASSERT_EQ(chunk.groups.count, 6);
+  ASSERT_EQ(chunk.groups, 6);
+  const GroupState& groups = chunk.state<GroupState>(light);
   const int of[] = {0, 0, 1, 2, 3, 3, 4, 4, 5}, of_rays[] = {0, 0, 5, 6};
   const Real sums[] = {0.125_r, 0.03125_r, 0.5_r, 0.0625_r, 0.25_r, 0},
              means[] = {0.5_r, 2, 3, 5, 6, 8};
   for (size_t i = 0; i < 9; ++i) {
-    EXPECT_EQ(chunk.groups.of[i], of[i]) << i;
-    EXPECT_EQ(chunk.groups.share[i] > 0, i != 7) << i;
-    EXPECT_EQ(chunk.groups.per_light[i] > 0, i != 7) << i;
+    EXPECT_EQ(groups.of[i], of[i]) << i;
+    EXPECT_EQ(groups.share[i] > 0, i != 7) << i;
+    EXPECT_EQ(groups.per_light[i] > 0, i != 7) << i;
   }
   for (size_t g = 0; g < 6; ++g) {
     EXPECT_EQ(chunk.data(light)[g], sums[g]) << g;
     EXPECT_NEAR(chunk.data(mean)[g], means[g], 1e-6) << g;
   }
-  for (size_t r = 0; r < 4; ++r) EXPECT_EQ(chunk.groups.of_rays[r], of_rays[r]) << r;
+  for (size_t r = 0; r < 4; ++r) EXPECT_EQ(chunk.group_begin[r], of_rays[r]) << r;
 }
 
 }  // namespace

@@ -22,7 +22,7 @@ struct Network {
     const LinearWeights first{0, 5, 8}, second{first.size(), 8, kOut};
     const std::vector<LinearWeights> layers{first, second};
     y = mlp(tape, concat(tape, x, repeat_for_samples(tape, code)), layers);
-    if (least) roulette(tape, y, *least);
+    if (least) chance = roulette(tape, y, *least);
     slope = tape.input(kOut, Domain::kSamples);
     add_gradient(tape, y, slope);
     tape.plan();
@@ -41,7 +41,8 @@ struct Network {
     chunk.ray_begin = begin;
     chunk.weights = weights.data();
     chunk.weight_gradient = gradient.data();
-    chunk.roulette.offset = offset;
+    RouletteState* state = chance < 0 ? nullptr : &chunk.state<RouletteState>(chance);
+    if (state) state->offset = offset;
     std::fill(gradient.begin(), gradient.end(), 0.0_r);
     Random random(72, 0, 0);
     for (const Value v : {x, code, slope})
@@ -63,7 +64,7 @@ struct Network {
     const size_t at = all.size();
     all.resize(at + 3 * kSamples);
     for (int i = 0; i < samples; ++i) {
-      const int32_t from = samples == kSamples ? i : chunk.roulette.kept[static_cast<size_t>(i)];
+      const int32_t from = samples == kSamples ? i : state->kept[static_cast<size_t>(i)];
       for (int k = 0; k < 3; ++k)
         all[at + static_cast<size_t>(k * kSamples + from)] =
             chunk.gradient(x)[k * chunk.stride(x) + i];
@@ -75,7 +76,7 @@ struct Network {
   }
 
   Tape tape;
-  Value x, code, y, slope;
+  Value x, code, y, slope, chance = -1;
   AlignedArray<Real> weights, gradient;
   int samples = 0;            // that went back
   std::vector<double> norms;  // of the samples' gradients of y

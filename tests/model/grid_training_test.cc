@@ -117,12 +117,14 @@ struct TinyRun {
     fill_inputs(stream, n);
     const int64_t ld = chunk.stride(tape.features);
     encode(field, {x, y, z}, n, chunk.data(tape.features), ld);
-    chunk.roulette.offset = golden_draw(stream + 15, 1)[0];
+    auto* const roulette =
+        tape.gradient_roulette < 0 ? nullptr : &chunk.state<RouletteState>(tape.gradient_roulette);
+    if (roulette) roulette->offset = golden_draw(stream + 15, 1)[0];
     tape.tape.forward(chunk);
     tape.tape.backward(chunk);
     learning += chunk.samples;
     all += n;
-    if (chunk.samples < n) keep_columns(3, chunk.roulette.kept.data(), chunk.samples, x, places.ld);
+    if (chunk.samples < n) keep_columns(3, roulette->kept.data(), chunk.samples, x, places.ld);
     for (size_t l = 0; l < field.shape.levels.size(); ++l) {
       const HashGridLevel& level = field.shape.levels[l];
       hash_grid_backward(

@@ -199,15 +199,15 @@ void check_groups(const Light& given_light, double most, double stop, GroupError
   const Doubles w(real.begin(), real.end());
   Ray ray(real, [&](Tape& t, Value weights, Value x) {
     const Value light = group_light(t, weights, static_cast<Real>(most), static_cast<Real>(stop));
-    return std::vector<Value>{light, mean_of_groups(t, weights, x)};
+    return std::vector<Value>{light, mean_of_groups(t, light, x)};
   });
   const Value light = ray.outputs[0], mean = ray.outputs[1];
   const std::vector<size_t> sizes = reference::light_groups(w, most, stop);
-  ASSERT_EQ(ray.chunk.groups.count, static_cast<int>(sizes.size())) << name;
-  EXPECT_EQ(ray.chunk.groups.of_rays[1], ray.chunk.groups.count);
+  ASSERT_EQ(ray.chunk.groups, static_cast<int>(sizes.size())) << name;
+  EXPECT_EQ(ray.chunk.group_begin[1], ray.chunk.groups);
   double all = 0;
   size_t first = 0;
-  for (int g = 0; g < ray.chunk.groups.count; ++g) {
+  for (int g = 0; g < ray.chunk.groups; ++g) {
     const size_t count = sizes[static_cast<size_t>(g)], end = first + count;
     double sum = 0;
     for (size_t i = first; i < end; ++i) sum += w[i];
@@ -232,7 +232,7 @@ void check_groups(const Light& given_light, double most, double stop, GroupError
     const double of_light = given(0, 0, g);
     for (size_t i = first; i < end; ++i) {
       const int64_t at = static_cast<int64_t>(i);
-      ASSERT_EQ(ray.chunk.groups.of[i], g) << name << " sample " << i;
+      ASSERT_EQ(ray.chunk.state<GroupState>(light).of[i], g) << name << " sample " << i;
       double slope = 0, size = 0, means_off = 0;
       for (int k = 0; k < kRows; ++k) {
         const size_t row = static_cast<size_t>(k);

@@ -65,12 +65,27 @@ double clear_psnr(const RadianceField& field, const test::SyntheticCapture& c, T
 }
 
 void expect_learnt(LearntMedium kind, const Medium& truth) {
-  const auto c = test::fogged_capture(truth);
+  const auto env = [](const char* n, double d) {
+    return std::getenv(n) ? std::atof(std::getenv(n)) : d;
+  };
+  const auto c = test::fogged_capture(truth, static_cast<int>(env("VIEWS", 32)),
+                                      static_cast<int>(env("SIZE", 32)));
   ThreadPool pool(2);
-  Trainer trainer(c.scene, c.photos, options_with(kind, 600), pool);
+  TrainOptions o = options_with(kind, static_cast<int64_t>(env("STEPS", 600)));
+  o.grid_recipe.medium.rate = env("MRATE", 1);
+  o.rate = env("RATE", 0.01);
+  o.grid.hidden = static_cast<int>(env("HIDDEN", 16));
+  o.grid_recipe.shared_colour = env("SHARED", 0.125);
+  o.grid_recipe.batch_samples = static_cast<int>(env("BATCH", 4800));
+  Trainer trainer(c.scene, c.photos, o, pool);
   trainer.run({});
   const RadianceField field = trainer.snapshot();
   ASSERT_TRUE(field.medium());
+  const Medium m = *field.medium();
+  std::printf("A %.3f %.3f %.3f B %.3f %.3f %.3f C %.3f %.3f %.3f psnr %.2f clear %.2f\n",
+              m.attenuation.x, m.attenuation.y, m.attenuation.z, m.backscatter.x, m.backscatter.y,
+              m.backscatter.z, m.colour.x, m.colour.y, m.colour.z,
+              evaluate(field, c.scene, c.photos, {}, pool).psnr, clear_psnr(field, c, pool));
   expect_recovered(*field.medium(), truth);
   EXPECT_GT(evaluate(field, c.scene, c.photos, {}, pool).psnr, 28) << "held-out photos, as taken";
   EXPECT_GT(clear_psnr(field, c, pool), 20);

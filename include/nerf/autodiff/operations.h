@@ -108,11 +108,18 @@ Value over(Tape& tape, Value colour, Value opacity, Value background);
 // Successive samples of a ray put together, as many as have at most `most` of a pixel's light (or
 // one that has more by itself), up to the first that less than `stop` of the light reaches; what is
 // behind belongs to no group and receives no gradient. Where the borders lie is not differentiated.
-//   weights [1 x samples] -> [1 x groups]: the groups' light, sums of their weights.
+//   weights [1 x samples] -> [1 x groups]: the groups' light, sums of their weights. A tape may
+//   have one such operation, which says how many groups there are.
 Value group_light(Tape& tape, Value weights, Real most, Real stop);
-//   weights [1 x samples], x [r x samples] -> [r x groups]: means of x, weighted (where there is
-//   hardly any light, plain). Behind group_light() of the same weights.
-Value mean_of_groups(Tape& tape, Value weights, Value x);
+//   light, from group_light(); x [r x samples] -> [r x groups]: means of x by the weights that
+//   `light` was found from (where there is hardly any light, plain).
+Value mean_of_groups(Tape& tape, Value light, Value x);
+// Of each sample (kernels/sample_groups.h): its group, its share of the group's mean, and the
+// inverse of the group's light.
+struct GroupState : OperationState {
+  std::vector<int32_t> of, begin;  // begin: Chunk::group_begin
+  std::vector<Real> share, per_light;
+};
 
 // The numbers of a learnt medium, one row of so many in `numbers`, an array of the model's weights:
 //   fog:    softplus^-1 of the coefficient of all channels, sigmoid^-1 of the colour's three
@@ -136,10 +143,18 @@ Value change_colours(Tape& tape, Value pixel, Value background, Value change);
 
 // Russian roulette (kernels/roulette.h) on the gradient of x [rows x samples], once all operations
 // recorded after this one have added to it. Operations recorded before it go back with the kept
-// samples alone, as if the chunk had no others (Chunk::roulette). Values of samples recorded before
+// samples alone, as if the chunk had no others (RouletteState). Values of samples recorded before
 // it, x among them, are moved accordingly and lose what they were. A tape may have one roulette,
 // and no values of groups before it. `least` of 0 leaves out only what has no gradient at all.
-void roulette(Tape& tape, Value x, Real least);
+// Returns the value whose state it has.
+Value roulette(Tape& tape, Value x, Real least);
+struct RouletteState : OperationState {
+  double offset = 0.5;  // random number in [0, 1), which the chunk's user sets
+  // The samples that the backward pass went on with, and the rays' offsets among them: the chunk's
+  // `samples` and `ray_begin` from then on.
+  std::vector<int32_t> kept, ray_begin;
+  std::vector<Real> norms, factor;
+};
 
 // What stays and what only one photo shows on the same rays, each giving light by an opacity of its
 // own and hiding what is behind it of both (Martin-Brualla et al. 2021, equations 6 to 8, 11, 12).

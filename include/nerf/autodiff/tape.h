@@ -1,7 +1,8 @@
 // Reverse-mode differentiation over chunks of rays.
 //
 // A value is a matrix [rows x samples], [rows x rays] or [rows x groups], a group being successive
-// samples of a ray that an operation has put together (group_light()). Model code records
+// samples of a ray that an operation has put together (group_light()): that operation says how many
+// there are. Model code records
 // operations on a Tape once; plan() then lays every value and gradient out in one arena. A Chunk is
 // one thread's execution of that plan: its own arena, a view of the weights and an accumulator for
 // their gradients. The tape itself is constant after plan(), so any number of chunks run on it at
@@ -31,6 +32,12 @@ using Value = int;  // index of a value on its tape
 class Tape;
 struct LayerPacks;  // autodiff/linear_weights.h
 
+// What an operation keeps in a chunk from its forward pass to its backward pass, or exchanges with
+// the chunk's user. Operations that have one give its type in operations.h.
+struct OperationState {
+  virtual ~OperationState() = default;
+};
+
 // One execution of a tape.
 struct Chunk {
   explicit Chunk(const Tape& tape);
@@ -40,26 +47,10 @@ struct Chunk {
   const Real* weights = nullptr;  // parameters of the model, read only
   // Packs of the linear layers' weights, or null: read as they stand, in f32.
   const LayerPacks* packs = nullptr;
-  Real* weight_gradient = nullptr;  // same layout, accumulated into
-  int samples = 0, rays = 0;        // columns in use
-  const int32_t* ray_begin =
-      nullptr;  // rays + 1 offsets: samples of ray r are [begin[r], begin[r+1])
-  // What group_light() finds of the samples (kernels/sample_groups.h), and which groups are a
-  // ray's, as ray_begin says of its samples.
-  struct Groups {
-    int count = 0;
-    std::vector<int32_t> of, of_rays;
-    std::vector<Real> share, per_light;
-  };
-  Groups groups;
-  // For a tape with roulette(): its random number in [0, 1), which the caller sets, and the samples
-  // that the backward pass went on with. From then on `samples` and `ray_begin` count those alone.
-  struct Roulette {
-    double offset = 0.5;
-    std::vector<int32_t> kept, ray_begin;
-    std::vector<Real> norms, factor;
-  };
-  Roulette roulette;
+  Real* weight_gradient = nullptr;        // same layout, accumulated into
+  int samples = 0, rays = 0, groups = 0;  // columns in use
+  // rays + 1 offsets: samples of ray r are [begin[r], begin[r + 1]); likewise its groups.
+  const int32_t *ray_begin = nullptr, *group_begin = nullptr;
   double loss = 0;  // added to by loss operations
   struct Bound {
     Real *data = nullptr, *gradient = nullptr;
@@ -80,9 +71,16 @@ struct Chunk {
   void bind(Value v, Real* data, Real* gradient);
   int64_t stride(Value v) const;  // floats between rows
   int64_t count(Value v) const;   // columns in use
+  // Of the operation whose output v is.
+  template <class State>
+  State& state(Value v) {
+    return dynamic_cast<State&>(*states_.at(static_cast<size_t>(v)));
+  }
 
  private:
   const Real* memory(Value v) const;
+
+  std::vector<std::unique_ptr<OperationState>> states_;  // of each value, null where there is none
 };
 
 // Forward and backward side by side. backward() finds the gradient of the output and must write the
@@ -95,6 +93,8 @@ class Operation {
   virtual const char* name() const = 0;
   virtual void forward(Chunk& chunk) const = 0;
   virtual void backward(Chunk& chunk) const = 0;
+  // A chunk's own; null: it needs none.
+  virtual std::unique_ptr<OperationState> make_state(const Tape&) const { return nullptr; }
   // Whether it could leave its output, and take its inputs, as pairs.
   virtual bool writes_pairs() const { return false; }
   virtual bool reads_pairs() const { return false; }

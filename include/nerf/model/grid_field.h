@@ -198,6 +198,7 @@ struct GridTape {
   Value colour = 0;            // out: [3 x samples], or [3 x groups] where training shares colours
   Composite image{};           // out
   Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
+  Value gradient_roulette = -1;  // GridLosses::roulette only: has RouletteState
 
   Value density_gradient = -1;  // in, kGradient: [1 x samples]
 
