@@ -4,6 +4,7 @@
 #include "app.h"
 #include "appearance.h"
 #include "layer_files.h"
+#include "medium_option.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
@@ -87,6 +88,9 @@ int render_main(int argc, char** argv) {
   options.bbox = command.bbox;
   options.precision = command.precision;
   options.supersample = command.supersample;
+  if (!command.medium.empty()) options.medium = parse_medium(command.medium, field.info());
+  if (command.medium.empty() && field.medium())
+    log_info("shown through the medium that was learnt; --medium off leaves it out");
   if (layers.wanted()) options.layers = layers.layers();
   if (command.depth && command.look.depth_map == DepthLook::kNormal) {
     if (!options.layers) options.layers.emplace();

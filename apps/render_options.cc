@@ -6,6 +6,7 @@
 #include <cmath>
 #include <string_view>
 
+#include "medium_option.h"
 #include "nerf/base/error.h"
 
 namespace nerf::apps {
@@ -44,6 +45,7 @@ std::string time_span_text(const TimeSpan& span) {
 void RenderCommand::check_options() const {
   layers.check_options();
   object.check_options();
+  if (!medium.empty()) parse_medium(medium, {});  // before a model is read
   if (time && freeze_time)
     throw Error("--time and --freeze-time exclude each other", "", "leave one of them out");
   if (freeze_time && !freeze_camera.empty())

@@ -106,6 +106,7 @@ struct RenderCommand {
   std::optional<Box3> bbox;
   std::optional<Vec3> background;
   std::string appearance;
+  std::string medium;
   double exposure = 0;
   int supersample = 0;
   Precision precision = Precision::kAuto;
@@ -182,6 +183,14 @@ struct RenderCommand {
       "with .. between them, one after the other along the frames; mean; or own, each training "
       "view's own; without it mean",
       metavar("PHOTO|A..B|mean"), brief("light of a photo, or from one to another: PHOTO, A..B"));
+    v("medium", medium,
+      "what the scene is seen through: fog, smoke or water; sigma is what weakens light, per input "
+      "unit, of all channels or each; colour what is left to see, 0 to 1; falloff makes it thin "
+      "with height, from sigma at `height` on; box is where it ends, input coordinates; off: "
+      "clear; "
+      "without it what nerf_train --medium has learnt",
+      metavar("KIND[,sigma=N][,colour=R,G,B][,height=H,falloff=L][,box=X,Y,Z,X,Y,Z]"),
+      brief("fog, smoke or water before the scene; off: clear"));
     v("exposure", exposure, "stops by which the pictures are brighter", at_least(-10), at_most(10),
       brief("stops by which the pictures are brighter"));
     v("supersample", supersample,

@@ -191,7 +191,7 @@ class NetworkRays final : public CodedRays {
 std::unique_ptr<CodedRays> coded_rays(const RadianceField& field, std::span<const Ray> rays,
                                       const RenderOptions& options, ThreadPool& pool,
                                       const Cancel* cancel) {
-  if (field.is_grid() || field.network().options.light() == 0 || options.bbox)
+  if (field.is_grid() || field.network().options.light() == 0 || options.bbox || options.medium)
     return std::make_unique<IntegratedRays>(field, rays, options, pool, cancel);
   return std::make_unique<NetworkRays>(field.network(), rays, options, pool, cancel);
 }

@@ -10,12 +10,16 @@
 #include "nerf/kernels/simd.h"
 #include "nerf/math/contraction.h"
 #include "nerf/math/random.h"
+#include "nerf/math/reference/activations.h"
 
 namespace nerf {
 
 template CollectedOptions collect_options(GridOptions&);
 
 namespace {
+
+// Of a learnt medium: softplus of it is 0.1 per engine unit.
+constexpr Real kFirstCoefficient = -2.25_r;
 
 // Layers in -> hidden x n -> out, placed one after the other in the parameter array.
 std::vector<LinearWeights> place_layers(int in, int hidden, int hidden_layers, int out,
@@ -73,7 +77,8 @@ void GridOptions::check_options() const {
 }
 
 GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
-                     const CodeShape& shape_of_codes, const MotionShape& shape_of_motion)
+                     const CodeShape& shape_of_codes, const MotionShape& shape_of_motion,
+                     LearntMedium learnt)
     : options(o),
       unbounded(is_unbounded),
       shape(hash_grid_shape(o)),
@@ -87,11 +92,15 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
   density_layers = place_layers(shape.features() + motion.rows(), o.hidden, o.density_layers,
                                 o.geometry_features, size);
   const int code = shape_of_codes.any() ? shape_of_codes.appearance : 0;
-  colour_layers = place_layers(o.geometry_features + kSphericalHarmonics + code, o.hidden,
-                               o.colour_layers, 3, size);
+  const int direction = learnt == LearntMedium::kNone ? kSphericalHarmonics : 0;
+  colour_layers =
+      place_layers(o.geometry_features + direction + code, o.hidden, o.colour_layers, 3, size);
   motion = MotionNetworks(shape_of_motion, size);
-  books = CodeBooks(shape_of_codes, motion.end);
-  weights = AlignedArray<Real>(motion.end + books.size());
+  if (learnt != LearntMedium::kNone)
+    medium_numbers = {motion.end, learnt == LearntMedium::kFog ? kFogNumbers : kWaterNumbers, 1};
+  const size_t networks = motion.end + (medium_numbers.out > 0 ? medium_numbers.size() : 0);
+  books = CodeBooks(shape_of_codes, networks);
+  weights = AlignedArray<Real>(networks + books.size());
   std::vector<LinearWeights*> all;
   for (auto* layers : {&density_layers, &colour_layers})
     for (LinearWeights& w : *layers) all.push_back(&w);
@@ -138,6 +147,30 @@ void GridField::initialise(uint64_t seed) {
       draw_weights(w, xavier_bound(w),
                    Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights.data());
   motion.initialise(seed, layer, weights.data());
+  // A clear medium of mid-grey.
+  const int coefficients = std::max(0, medium_numbers.in - 3);
+  for (int i = 0; medium_numbers.out > 0 && i < coefficients; ++i)
+    weights[medium_numbers.offset + static_cast<size_t>(i)] = kFirstCoefficient;
+}
+
+LearntMedium GridField::learnt_medium() const {
+  if (medium_numbers.out == 0) return LearntMedium::kNone;
+  return medium_numbers.in == kFogNumbers ? LearntMedium::kFog : LearntMedium::kWater;
+}
+
+Medium GridField::medium() const {
+  Medium m;
+  const bool fog = learnt_medium() == LearntMedium::kFog;
+  if (medium_numbers.out == 0) return m;
+  const auto number = [&](int i) {
+    return static_cast<double>(weights[medium_numbers.offset + static_cast<size_t>(i)]);
+  };
+  for (int k = 0; k < 3; ++k) {
+    m.attenuation[k] = reference::softplus(number(fog ? 0 : k));
+    m.backscatter[k] = reference::softplus(number(fog ? 0 : 3 + k));
+    m.colour[k] = static_cast<Real>(reference::sigmoid(number(fog ? 1 + k : 6 + k)));
+  }
+  return m;
 }
 
 uint64_t GridTape::memory_bytes(const GridOptions& o) {
@@ -180,7 +213,10 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     return;
   }
   const auto colour_of = [&](Value geometry_features, Domain domain) {
-    Value seen = concat(tape, geometry_features, view_code(tape, directions, domain));
+    // A colour that may depend on the direction would explain the medium between as well.
+    Value seen = field.medium_numbers.out > 0
+                     ? geometry_features
+                     : concat(tape, geometry_features, view_code(tape, directions, domain));
     if (codes.out > 0) {
       const Value of_rays = training ? table_rows(tape, photo, codes) : code;
       seen = concat(tape, seen, repeat_for(tape, of_rays, domain));
@@ -188,6 +224,14 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     return sigmoid(tape, mlp(tape, seen, field.colour_layers));
   };
   const bool grouped = training && losses.shared_colour > 0;
+  const bool seen_through = training && field.medium_numbers.out > 0;
+  if (seen_through) distance = tape.input(1, Domain::kSamples);
+  // With groups at the mean distance of each.
+  const auto seen = [&](Value own, Value light = -1) {
+    if (!seen_through) return own;
+    const Value at = grouped ? mean_of_groups(tape, light, distance) : distance;
+    return see_through(tape, own, at, field.medium_numbers);
+  };
   if (!grouped) colour = colour_of(geometry, Domain::kSamples);
   field_operations_ = tape.operations();
   if (grouped || (training && losses.on_weights))
@@ -196,16 +240,17 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     const Value light =
         group_light(tape, image.weights, losses.shared_colour, losses.stop_transmittance);
     colour = colour_of(mean_of_groups(tape, light, geometry), Domain::kGroups);
-    image.pixel = accumulate(tape, light, colour, background);
+    image.pixel = accumulate(tape, light, seen(colour, light), background);
   } else if (training && losses.on_weights) {
-    image.pixel = accumulate(tape, image.weights, colour, background);
+    image.pixel = accumulate(tape, image.weights, seen(colour), background);
   } else {
-    image = composite(tape, density, colour, delta, background);
+    image = composite(tape, density, seen(colour), delta, background);
   }
   if (training && losses.on_weights) {
     weight_gradient = tape.input(1, Domain::kSamples);
     add_gradient(tape, image.weights, weight_gradient);
   }
+  if (seen_through) image.pixel = over_medium(tape, image.pixel, field.medium_numbers);
   if (training && changes.out > 0)
     image.pixel = change_colours(tape, image.pixel, background, table_rows(tape, photo, changes));
   if (training) pixel_loss = record_pixel_loss(tape, image.pixel, losses.pixel);

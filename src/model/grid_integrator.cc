@@ -33,10 +33,12 @@ inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __res
 }  // namespace
 
 GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
-                               const RenderOptions& options, const std::optional<ObliqueBox>& box)
+                               const RenderOptions& options, const std::optional<ObliqueBox>& box,
+                               const std::optional<EngineMedium>& medium)
     : field_(field),
       options_(options),
       box_(box),
+      medium_(medium),
       tape_(field, /*training=*/false),
       chunk_(tape_.tape),
       shading_(tape_.tape),
@@ -61,8 +63,11 @@ void GridIntegrator::begin(const RaySink& sink) {
   has_percentiles_ = sink.near || sink.far;
   has_deep_ = sink.deep != nullptr;
   ways_.clear();
+  seen_.clear();
   t_.clear();
   delta_.clear();
+  front_.clear();
+  samples_.with_fronts = medium_.has_value();
 }
 
 // Places the samples of a ray.
@@ -71,14 +76,17 @@ void GridIntegrator::add(const Ray& given, int place) {
   way.place = place;
   way.background = given.background;
   way.time = given.time;
+  std::optional<SeenLight> seen;
+  if (medium_) seen.emplace(SeenLight{MediumRay(*medium_, given), {}, {}, {}});
+  const SeenLight* const through = seen ? &*seen : nullptr;
   Ray ray = given;
-  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way);
+  if (box_ && !box_->clip(ray.origin, ray.direction, ray.near, ray.far)) return close(way, through);
   ++statistics_.rays;
-  if (std::isinf(ray.clear)) return close(way);
+  if (std::isinf(ray.clear)) return close(way, through);
   const int count = options_.unclipped ? sampler_.sample_all(ray, 4, samples_)
                                        : sampler_.sample(ray, nullptr, true, samples_);
   statistics_.segments += static_cast<int64_t>(sampler_.segments().size());
-  if (count == 0) return close(way);
+  if (count == 0) return close(way, through);
   way.entry = sampler_.entry();
   way.direction = ray.direction.cast<Real>();
   way.start = sampler_.start();
@@ -87,6 +95,9 @@ void GridIntegrator::add(const Ray& given, int place) {
   delta_.insert(delta_.end(), samples_.delta.begin(), samples_.delta.end());
   way.end = t_.size();
   ways_.push_back(way);
+  if (!seen) return;
+  seen_.push_back(*seen);
+  front_.insert(front_.end(), samples_.front.begin(), samples_.front.end());
 }
 
 void GridIntegrator::finish() {
@@ -180,6 +191,7 @@ void GridIntegrator::composite(int part) {
   const int end = ray_begin_[static_cast<size_t>(part) + 1];
   const size_t first = part_first_[part] - static_cast<size_t>(begin);  // of sample 0 of the chunk
   const Real* const t = t_.data() + first;
+  const Real* const density = chunk_.data(tape_.density);
   // In registers: a store to the sums might change what lies in memory.
   double transmittance = way.transmittance;
   Real unshaded = way.unshaded, shared = way.shared;
@@ -191,7 +203,8 @@ void GridIntegrator::composite(int part) {
       shared = 0;
       begin_stretch(way, t[i], delta_row_[i], transmittance);
     }
-    if (unshaded + weight <= options_.unshaded) {
+    const bool coloured = !(unshaded + weight <= options_.unshaded);
+    if (!coloured) {
       unshaded += weight;
     } else {
       if (shared + weight > options_.shared_colour) {
@@ -201,6 +214,11 @@ void GridIntegrator::composite(int part) {
       }
       shared += weight;
       add_weighted(features, weight, geometry_.data() + static_cast<size_t>(i) * features, sums);
+    }
+    if (medium_ && weight > 0) {
+      const auto [front, back] = stretch_of(way, first + static_cast<size_t>(i));
+      seen_[w].add(front, back, double{density[i]} * double{delta_row_[i]}, double{weight},
+                   coloured);
     }
     if (has_moments_) {
       const double light = transmittance * alpha, distance = way.start + t[i];
@@ -229,20 +247,32 @@ void GridIntegrator::composite(int part) {
   way.shared = shared;
   if (way.next < way.end && !(transmittance < options_.stop_transmittance)) return;
   add_shaded(w, shared, transmittance);
-  close(way);
+  close(way, seen_of(w));
 }
 
 Real GridIntegrator::stopped_at(const Way& way, size_t sample, double before, double after,
                                 double left) const {
+  if (!sink_.between_samples) return t_[sample];
+  const auto [begin, end] = interval_of(way, sample);
+  const double share = std::log(left / before) / std::log(after / before);
+  return begin + static_cast<Real>(std::isfinite(share) ? share : 0.0) * (end - begin);
+}
+
+std::pair<Real, Real> GridIntegrator::interval_of(const Way& way, size_t sample) const {
   const Real t = t_[sample];
-  if (!sink_.between_samples) return t;
-  // Its interval, as far as it does not reach beyond the middles between samples.
   const Real half = 0.5_r * delta_[sample];
   Real begin = t - half, end = t + half;
   if (sample > way.begin) begin = std::max(begin, 0.5_r * (t_[sample - 1] + t));
   if (sample + 1 < way.end) end = std::min(end, 0.5_r * (t + t_[sample + 1]));
-  const double share = std::log(left / before) / std::log(after / before);
-  return begin + static_cast<Real>(std::isfinite(share) ? share : 0.0) * (end - begin);
+  return {begin, end};
+}
+
+std::pair<double, double> GridIntegrator::stretch_of(const Way& way, size_t sample) const {
+  const Real front = front_[sample], back = front + delta_[sample];
+  const Real next = sample + 1 < way.end ? front_[sample + 1] : back;
+  const bool whole = std::fabs(next - back) <= 1e-3_r * delta_[sample];
+  const auto [begin, end] = whole ? std::pair{front, back} : interval_of(way, sample);
+  return {way.start + static_cast<double>(begin), way.start + static_cast<double>(end)};
 }
 
 bool GridIntegrator::is_apart(const Way& way, Real t, Real delta, Real weight) {
@@ -286,6 +316,10 @@ void GridIntegrator::add_shaded(size_t w, Real shared, double transmittance) {
   }
   shaded_place_[static_cast<size_t>(shaded_)] = way.place;
   shaded_weight_[static_cast<size_t>(shaded_)] = shared;
+  if (medium_) {
+    shaded_through_[shaded_] = std::exchange(seen_[w].through, Vec3d()).cast<Real>();
+    shaded_haze_[shaded_] = std::exchange(seen_[w].haze, Vec3d()).cast<Real>();
+  }
   if (has_deep_) shaded_stretch_[static_cast<size_t>(shaded_)] = sink_.deep[way.place].size() - 1;
   ++shaded_;
 }
@@ -306,25 +340,32 @@ void GridIntegrator::shade() {
   const int64_t lc = shading_.stride(tape_.colour);
   for (int i = 0; i < shaded_; ++i) {
     const size_t place = static_cast<size_t>(shaded_place_[static_cast<size_t>(i)]);
-    for (size_t k = 0; k < 3; ++k)
-      sink_.rgb[3 * place + k] +=
-          shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
-    if (has_deep_) {
-      DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
-      for (size_t k = 0; k < 3; ++k)
-        stretch.rgb[k] =
-            shaded_weight_[static_cast<size_t>(i)] * colour[static_cast<int64_t>(k) * lc + i];
-    }
+    const Real weight = shaded_weight_[static_cast<size_t>(i)];
+    const Vec3 through = medium_ ? shaded_through_[i] : Vec3{weight, weight, weight};
+    for (int k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + static_cast<size_t>(k)] += through[k] * colour[k * lc + i];
+    if (!has_deep_) continue;
+    DeepSample& stretch = sink_.deep[place][shaded_stretch_[static_cast<size_t>(i)]];
+    for (int k = 0; k < 3; ++k)
+      stretch.rgb[k] = through[k] * colour[k * lc + i] + (medium_ ? shaded_haze_[i][k] : 0);
   }
   shaded_ = shaded_rays_ = 0;
 }
 
-void GridIntegrator::close(Way& way) {
+void GridIntegrator::close(Way& way, const SeenLight* seen) {
   const size_t place = static_cast<size_t>(way.place);
-  for (int k = 0; k < 3; ++k)
-    sink_.rgb[3 * place + static_cast<size_t>(k)] +=
-        static_cast<Real>(way.transmittance * way.background[k]);
-  sink_.opacity[place] = static_cast<Real>(1 - way.transmittance);
+  if (seen) {
+    const Veil veil = seen->medium.behind();
+    for (int k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + static_cast<size_t>(k)] +=
+          static_cast<Real>(seen->light[k] + way.transmittance * veil.over(k, way.background[k]));
+    sink_.opacity[place] = static_cast<Real>(1 - way.transmittance * veil.mean_through());
+  } else {
+    for (int k = 0; k < 3; ++k)
+      sink_.rgb[3 * place + static_cast<size_t>(k)] +=
+          static_cast<Real>(way.transmittance * way.background[k]);
+    sink_.opacity[place] = static_cast<Real>(1 - way.transmittance);
+  }
   if (sink_.median) sink_.median[place] = way.median < 0 ? 0 : way.start + way.median;
   const auto distance = [&](Real t) { return t < 0 ? 0.0_r : static_cast<Real>(way.start + t); };
   if (sink_.near) sink_.near[place] = distance(way.near);

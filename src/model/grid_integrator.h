@@ -3,9 +3,11 @@
 
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "model/field_integrator.h"
+#include "model/medium_ray.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
@@ -19,7 +21,7 @@ class GridIntegrator {
  public:
   // packs: of the field's networks; they, the field and the options must outlive this.
   GridIntegrator(const GridField& field, const LayerPacks& packs, const RenderOptions& options,
-                 const std::optional<ObliqueBox>& box);
+                 const std::optional<ObliqueBox>& box, const std::optional<EngineMedium>& medium);
 
   void begin(const RaySink& sink);
   void add(const Ray& ray, int place);
@@ -49,6 +51,9 @@ class GridIntegrator {
     bool finished = false;
   };
 
+  // Of a sample, for a medium: from the camera. Where its interval has a gap, about the sample.
+  std::pair<double, double> stretch_of(const Way& way, size_t sample) const;
+
   void ask();
   // As many of the ray's samples before `until` as the chunk has room for.
   void add_part(size_t way, size_t until);
@@ -61,7 +66,10 @@ class GridIntegrator {
   // with others. `transmittance`: behind them.
   void add_shaded(size_t way, Real shared, double transmittance);
   void shade();
-  void close(Way& way);
+  void close(Way& way, const SeenLight* seen);
+  const SeenLight* seen_of(size_t way) const { return medium_ ? seen_.data() + way : nullptr; }
+  // Of a sample, as far as it does not reach beyond the middles between samples: from the entry.
+  std::pair<Real, Real> interval_of(const Way& way, size_t sample) const;
   // Distance from the entry at which `left` of the light is left, in a sample that leaves `after`.
   Real stopped_at(const Way& way, size_t sample, double before, double after, double left) const;
   // Deep only: whether a sample does not belong to a stretch that is open; the begin of one, and
@@ -74,6 +82,7 @@ class GridIntegrator {
   const GridField& field_;
   const RenderOptions& options_;
   std::optional<ObliqueBox> box_;
+  std::optional<EngineMedium> medium_;
   std::vector<Real> code_;  // of the picture's appearance, where the field has codes
   RaySink sink_;
   bool has_moments_ = false, has_percentiles_ = false, has_deep_ = false;
@@ -88,9 +97,10 @@ class GridIntegrator {
   static constexpr size_t kStretch = 6;  // samples of a ray that are asked for at a time
   // Rays that meet matter, their samples one ray after the other.
   std::vector<Way> ways_;
-  std::vector<Real> t_, delta_;
-  std::vector<size_t> waiting_;      // rays that are not finished
-  std::vector<Real> geometry_sums_;  // of each ray: features times weights, to be shaded
+  std::vector<SeenLight> seen_;          // of each of them
+  std::vector<Real> t_, delta_, front_;  // the last with a medium
+  std::vector<size_t> waiting_;          // rays that are not finished
+  std::vector<Real> geometry_sums_;      // of each ray: features times weights, to be shaded
   // [kChunkSamples][geometry_features()]: of the chunk's samples, and of what waits for a colour.
   AlignedArray<Real> geometry_, shaded_geometry_;
   // Of the chunk: parts of rays.
@@ -100,6 +110,7 @@ class GridIntegrator {
   std::vector<int32_t> shaded_begin_;
   int shaded_place_[kChunkSamples];
   Real shaded_weight_[kChunkSamples];
+  Vec3 shaded_through_[kChunkSamples], shaded_haze_[kChunkSamples];  // SeenLight's
   size_t shaded_stretch_[kChunkSamples];  // deep only: which of its ray's
   int shaded_ = 0, shaded_rays_ = 0;
   // Rays take turns, so that each colour may need a direction of its own.

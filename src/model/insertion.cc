@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "model/medium_ray.h"
 #include "model/object_light.h"
 #include "model/object_pixels.h"
 #include "model/object_shadow.h"
@@ -263,7 +264,7 @@ struct Insertion::Impl {
         }
         if (sight.met[i].alpha < 1) {
           Ray ray = sight.ray;
-          ray.near = sight.met[i].t;
+          ray.near = ray.medium_from = sight.met[i].t;
           if (round > 0) ray.far = sight.met[i + 1].t;
           ray.background = sight.behind;
           rays.push_back(ray);
@@ -336,7 +337,8 @@ void Insertion::finish(const ObjectPixels& pixels, const Camera& camera,
                                         own.radius,
                                         own.around,
                                         own.options,
-                                        own.field.shows_background() ? options.background : Vec3{}};
+                                        own.field.shows_background() ? options.background : Vec3{},
+                                        internal::engine_medium(own.field, options)};
     internal::cast_shadows(caster, pixels, camera, camera_to_engine, unit, pool, frame);
   }
   if (pixels.empty()) return;

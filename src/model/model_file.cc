@@ -89,6 +89,19 @@ Json motion_to_json(const MotionShape& s) {
           {"point_degrees", s.point_degrees}};
 }
 
+const char* medium_name(LearntMedium medium) {
+  return medium == LearntMedium::kFog ? "fog" : "water";
+}
+
+// Files of photos that were taken through none do not name it.
+LearntMedium medium_from(const JsonFields& header) {
+  if (!header.has("medium")) return LearntMedium::kNone;
+  const std::string name = header.text("medium");
+  for (const LearntMedium medium : {LearntMedium::kFog, LearntMedium::kWater})
+    if (name == medium_name(medium)) return medium;
+  header.fail("is no known medium", "medium");
+}
+
 // Files of scenes that stand still do not name it.
 MotionShape motion_from(const JsonFields& header) {
   MotionShape s;
@@ -231,8 +244,9 @@ RadianceField read_model(const ContainerReader& file) {
         file.where());
 
   options.table_bits = kTableBits;
-  auto field = std::make_shared<GridField>(options, info.unbounded, cascades,
-                                           codes_from(file, header), motion_from(header));
+  auto field =
+      std::make_shared<GridField>(options, info.unbounded, cascades, codes_from(file, header),
+                                  motion_from(header), medium_from(header));
   file.read("table", field->half_table.span());
   read_weights(file, field->weights.span(), field->network_size());
   std::vector<uint8_t> levels(field->occupancy.levels().size());
@@ -285,6 +299,8 @@ void RadianceField::save(const std::filesystem::path& path) const {
   header["options"] = Json::parse(options_to_json(options));
   header["cascades"] = grid_->occupancy.cascades();
   if (!grid_->motion.empty()) header["motion"] = internal::motion_to_json(grid_->motion.shape);
+  if (const LearntMedium medium = grid_->learnt_medium(); medium != LearntMedium::kNone)
+    header["medium"] = internal::medium_name(medium);
   header["clip"] = {{"min", internal::corner_to_json(grid_->clip.min)},
                     {"max", internal::corner_to_json(grid_->clip.max)}};
   internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));

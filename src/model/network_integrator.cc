@@ -9,10 +9,12 @@ namespace nerf::internal {
 
 NetworkIntegrator::NetworkIntegrator(const NetworkField& field, const BakedOccupancy* occupancy,
                                      const RenderOptions& options,
-                                     const std::optional<ObliqueBox>& box, ThreadPool& pool)
+                                     const std::optional<ObliqueBox>& box,
+                                     const std::optional<EngineMedium>& medium, ThreadPool& pool)
     : field_(field),
       occupancy_(options.unclipped ? nullptr : occupancy),
       box_(box),
+      medium_(medium),
       code_(options.appearance.code),
       // Where most samples are skipped more rays fill a chunk.
       per_chunk_(NetworkLevels::rays_per_chunk(field.options) * (occupancy_ ? 4 : 1)),
@@ -64,6 +66,13 @@ void NetworkIntegrator::integrate(std::span<const Ray> rays, const RaySink& sink
   for (size_t i = 0; i < rays.size(); ++i) {
     const Ray& line = rays[i];
     for (size_t k = 0; k < 3; ++k) sink.rgb[3 * i + k] = line.background[static_cast<int>(k)];
+    if (medium_) {  // unless the ray meets the field
+      const Veil veil = MediumRay(*medium_, line).behind();
+      for (int k = 0; k < 3; ++k)
+        sink.rgb[3 * i + static_cast<size_t>(k)] =
+            static_cast<Real>(veil.over(k, line.background[k]));
+      sink.opacity[i] = static_cast<Real>(1 - veil.mean_through());
+    }
     auto ray = sampled_ray(field_, line);
     if (!ray) continue;
     if (cut) {
@@ -86,6 +95,7 @@ void NetworkIntegrator::give(const NetworkLevels& levels, int r, const Ray& ray,
   Real opacity;
   levels.pixel(r, sink.rgb + 3 * place, opacity);
   sink.opacity[place] = std::min(opacity, 1.0_r);  // weights are rounded before they are added up
+  if (medium_) see_through(levels, r, ray, place, sink);
   for (size_t k = 0; k < 3; ++k)
     sink.rgb[3 * place + k] = std::clamp(sink.rgb[3 * place + k], 0.0_r, 1.0_r);
   const auto distance = [&](double t) {
@@ -124,6 +134,47 @@ void NetworkIntegrator::give(const NetworkLevels& levels, int r, const Ray& ray,
     sink.variance[place] = static_cast<Real>(std::max(0.0, second / light - mean * mean));
 }
 
+std::vector<Veil> NetworkIntegrator::veils(const NetworkLevels& levels, int r,
+                                           const Ray& ray) const {
+  const int last = levels.levels() - 1;
+  const auto weights = levels.weights(last, r);
+  const auto posts = levels.posts(last, r);
+  const MediumRay medium(*medium_, ray);
+  const auto distance = [&](size_t post) {
+    const double t = static_cast<double>(levels.sampler().distance(posts[post]));
+    return std::min(std::max(t < 0 ? 0.0 : ray_distance(field_, ray, t), 0.0), ray.far);
+  };
+  std::vector<Veil> veils;
+  double left = 1;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    const double w = static_cast<double>(weights[i]);
+    const double front = distance(i), back = i + 1 < posts.size() ? distance(i + 1) : front;
+    const double alpha = left > 0 ? std::clamp(w / left, 0.0, 1.0) : 0;
+    veils.push_back(medium.before(front, back, -std::log1p(-alpha)));
+    left -= w;
+  }
+  veils.push_back(medium.behind());
+  return veils;
+}
+
+void NetworkIntegrator::see_through(const NetworkLevels& levels, int r, const Ray& ray,
+                                    size_t place, const RaySink& sink) const {
+  const auto weights = levels.weights(levels.levels() - 1, r);
+  const std::vector<Veil> veils = this->veils(levels, r, ray);
+  std::vector<Real> colours;
+  levels.colours(r, colours);
+  const double left = 1 - static_cast<double>(sink.opacity[place]);
+  for (int k = 0; k < 3; ++k) {
+    double sum = left * veils.back().over(k, ray.background[k]);
+    for (size_t i = 0; i < weights.size(); ++i)
+      if (weights[i] > 0)
+        sum += static_cast<double>(weights[i]) *
+               veils[i].over(k, static_cast<double>(colours[3 * i + static_cast<size_t>(k)]));
+    sink.rgb[3 * place + static_cast<size_t>(k)] = static_cast<Real>(sum);
+  }
+  sink.opacity[place] = static_cast<Real>(1 - left * veils.back().mean_through());
+}
+
 void NetworkIntegrator::give_deep(const NetworkLevels& levels, int r, const Ray& ray,
                                   std::vector<DeepSample>& deep) const {
   const int last = levels.levels() - 1;
@@ -137,8 +188,13 @@ void NetworkIntegrator::give_deep(const NetworkLevels& levels, int r, const Ray&
   };
   std::vector<Real> rgb;
   levels.colours(r, rgb);
+  const std::vector<Veil> seen = medium_ ? veils(levels, r, ray) : std::vector<Veil>();
   for (size_t i = 0; i < weights.size(); ++i) {
     if (!(weights[i] > 0)) continue;
+    for (int k = 0; medium_ && k < 3; ++k) {
+      Real& c = rgb[3 * i + static_cast<size_t>(k)];
+      c = static_cast<Real>(seen[i].over(k, static_cast<double>(c)));
+    }
     DeepSample& s = deep.emplace_back();
     s.front = distance(i);
     s.back = intervals || i + 1 < weights.size() ? distance(i + 1) : s.front;

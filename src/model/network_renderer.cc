@@ -27,7 +27,8 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
               std::vector<Real>(static_cast<size_t>(pixels)),
               std::vector<Real>(static_cast<size_t>(pixels))};
   NetworkIntegrator integrator(field, radiance.baked(), options,
-                               oblique_box(info.to_engine, options.bbox), pool);
+                               oblique_box(info.to_engine, options.bbox),
+                               engine_medium(radiance, options), pool);
   if (options.layers) frame.layers.resize(static_cast<size_t>(pixels), *options.layers);
   std::mutex mutex;
   int64_t done = 0;

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "nerf/math/random.h"
+#include "nerf/math/ray.h"
 #include "nerf/math/srgb.h"
 
 namespace nerf::internal {
@@ -134,13 +135,23 @@ Vec3d mean_sent(const ShadowCaster& c) {
   return sent;
 }
 
-// Of a pixel's colour what the field sends, not what is seen through it.
-void darken(const Vec3d& left, const Vec3& behind, Real through, Real* rgb) {
+// Of a pixel's colour what the field sends, not what is seen through it nor what a medium before it
+// adds.
+void darken(const Vec3d& left, const Vec3& behind, Real through, const Vec3d& haze, Real* rgb) {
   for (int k = 0; k < 3; ++k) {
-    const double back = static_cast<double>(through * behind[k]);
+    const double back = static_cast<double>(through * behind[k]) + haze[k];
     const double own = std::max(0.0, static_cast<double>(rgb[k]) - back);
     rgb[k] = static_cast<Real>(linear_to_srgb(srgb_to_linear(own) * left[k]) + back);
   }
+}
+
+// What a medium adds before the surface in a pixel, times the surface's share of the pixel.
+Vec3d haze_before(const ShadowCaster& caster, const SeenSurface& surface, const Camera& camera,
+                  const Pose& camera_to_engine, int x, int y) {
+  const auto point = surface.point(x, y);
+  auto ray = camera_ray(camera, camera_to_engine, {x + 0.5, y + 0.5});
+  if (!caster.medium || !point || !ray) return {};
+  return MediumRay(*caster.medium, *ray).before(length(*point - ray->origin)).haze;
 }
 
 }  // namespace
@@ -184,7 +195,8 @@ void cast_shadows(const ShadowCaster& caster, const ObjectPixels& pixels, const 
       const Vec3d light = sum / std::max(count, 1);
       const Vec3& behind = pixels.seen(p) ? pixels.background[p] : caster.background;
       const Real through = 1 - frame.alpha[p];
-      darken(light, behind, through, frame.rgb.data() + 3 * p);
+      const Vec3d haze = haze_before(caster, surface, camera, camera_to_engine, x, y);
+      darken(light, behind, through, haze, frame.rgb.data() + 3 * p);
     }
   });
 }

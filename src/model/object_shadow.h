@@ -1,6 +1,9 @@
 // What inserted objects do to the picture of the field before and around them.
 #pragma once
 
+#include <optional>
+
+#include "model/medium_ray.h"
 #include "model/object_light.h"
 #include "model/object_pixels.h"
 #include "nerf/base/threads.h"
@@ -18,6 +21,7 @@ struct ShadowCaster {
   const Environment& around;
   const InsertionOptions& options;
   Vec3 background;  // of the picture, sRGB
+  std::optional<EngineMedium> medium;
 };
 
 // Darkens the field where it stops half of a pixel's light near the object: by the share of the

@@ -25,6 +25,14 @@ const Field& RadianceField::field() const {
 
 bool RadianceField::moves() const { return field().moves(); }
 
+std::optional<Medium> RadianceField::medium() const {
+  if (!grid_ || grid_->learnt_medium() == LearntMedium::kNone) return std::nullopt;
+  Medium medium = grid_->medium();
+  medium.attenuation = medium.attenuation * info_.to_engine.scale;
+  medium.backscatter = medium.backscatter * info_.to_engine.scale;
+  return medium;
+}
+
 RadianceField RadianceField::without_empty_cells() const {
   RadianceField all = *this;
   all.baked_.reset();

@@ -24,7 +24,8 @@ class GridPicture {
  public:
   GridPicture(const GridField& field, const ModelInfo& info, const Camera& camera,
               const Pose& camera_to_world, const RenderOptions& options,
-              const internal::ObjectPixels& objects, ThreadPool& pool,
+              const internal::ObjectPixels& objects,
+              const std::optional<internal::EngineMedium>& medium, ThreadPool& pool,
               const std::function<void(double)>& progress, const Cancel* cancel)
       : field_(field),
         info_(info),
@@ -33,6 +34,7 @@ class GridPicture {
         options_(options),
         objects_(objects),
         box_(internal::oblique_box(info.to_engine, options.bbox)),
+        medium_(medium),
         pool_(pool),
         progress_(progress),
         cancel_(cancel) {
@@ -90,7 +92,7 @@ class GridPicture {
       auto& renderer = renderers_[static_cast<size_t>(thread)];
       if (!renderer)
         renderer = std::make_unique<internal::TileRenderer>(field_, packs_, camera_, pose_, info_,
-                                                            options_, objects_, box_);
+                                                            options_, objects_, box_, medium_);
       const int x = static_cast<int>(tile % columns) * side;
       const int y = static_cast<int>(tile / columns) * side;
       body(*renderer, x, y, std::min(x + side, camera_.width), std::min(y + side, camera_.height));
@@ -109,6 +111,7 @@ class GridPicture {
   const RenderOptions& options_;
   const internal::ObjectPixels& objects_;
   const std::optional<internal::ObliqueBox> box_;
+  const std::optional<internal::EngineMedium>& medium_;
   ThreadPool& pool_;
   const std::function<void(double)>& progress_;
   const Cancel* cancel_;
@@ -153,13 +156,14 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   internal::check_time(options.time, "RenderOptions::time");
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
+  const auto medium = internal::engine_medium(radiance, options);
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
     const Pose to_engine = info.to_engine.apply(camera_to_world);
     internal::ObjectPixels objects;
     if (insertion) objects = insertion->look(part, to_engine, drawn, pool, cancel);
     Frame picture = radiance.is_grid() ? GridPicture(radiance.grid(), info, part, camera_to_world,
-                                                     drawn, objects, pool, at, cancel)
+                                                     drawn, objects, medium, pool, at, cancel)
                                              .render(n)
                                        : internal::render_network(radiance, part, camera_to_world,
                                                                   drawn, objects, pool, at, cancel);

@@ -23,14 +23,15 @@ class TileRenderer {
   // packs: of the field's networks; must outlive this.
   TileRenderer(const GridField& field, const LayerPacks& packs, const Camera& camera,
                const Pose& pose, const ModelInfo& info, const RenderOptions& options,
-               const ObjectPixels& objects, const std::optional<ObliqueBox>& box)
+               const ObjectPixels& objects, const std::optional<ObliqueBox>& box,
+               const std::optional<EngineMedium>& medium)
       : occupancy_(field.occupancy),
         camera_(camera),
         pose_(pose),
         near_(info.near),
         options_(options),
         objects_(objects),
-        integrator_(field, packs, options, box) {
+        integrator_(field, packs, options, box, medium) {
     if (options.layers) layers_.emplace(field, *options.layers, info.to_engine);
   }
 

@@ -312,6 +312,12 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
         (static_cast<Real>(k) + (random ? random->uniform() : 0.5_r)) * unit;
   histogram_inverse(up_to(ends_, 2 * n), up_to(mass_at_ends_, 2 * n), up_to(targets_, shares),
                     out.t);
+  if (out.with_fronts) {
+    out.front.resize(shares);
+    for (size_t k = 0; k < shares; ++k) targets_[k] = static_cast<Real>(k) * unit;
+    histogram_inverse(up_to(ends_, 2 * n), up_to(mass_at_ends_, 2 * n), up_to(targets_, shares),
+                      out.front);
+  }
   for (int k = 1; k < count; ++k)
     targets_[static_cast<size_t>(k - 1)] = static_cast<Real>(k) * unit;
   histogram_inverse(up_to(matter_below_, n + 1), up_to(mass_below_, n + 1),
@@ -325,12 +331,14 @@ int RaySampler::sample(const Ray& ray, Random* random, bool follow_cache, RaySam
 int RaySampler::sample_all(const Ray& ray, int per_cell, RaySamples& out) {
   out.t.clear();
   out.delta.clear();
+  out.front.clear();
   march(ray, 0);
   for (const Segment& s : segments()) {
     const Real width = (s.t1 - s.t0) / static_cast<Real>(per_cell);
     for (int k = 0; k < per_cell; ++k) {
       out.t.push_back(s.t0 + (static_cast<Real>(k) + 0.5_r) * width);
       out.delta.push_back(width);
+      if (out.with_fronts) out.front.push_back(s.t0 + static_cast<Real>(k) * width);
     }
   }
   return static_cast<int>(out.t.size());

@@ -39,7 +39,13 @@ void GridTrainer::bind(int64_t c, const GridTape& tape, Chunk& chunk) {
   std::memcpy(chunk.data(tape.delta), batch.delta.data() + c * ld, ld * sizeof(Real));
   const size_t ray_bytes = 3 * kChunkRays * sizeof(Real);
   std::memcpy(chunk.data(tape.directions), batch.direction_of(static_cast<int>(c)), ray_bytes);
-  std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
+  if (has_medium()) {
+    std::memset(chunk.data(tape.background), 0, ray_bytes);
+    std::memcpy(chunk.data(tape.distance), batch.lines->distance.data() + c * ld,
+                ld * sizeof(Real));
+  } else {
+    std::memcpy(chunk.data(tape.background), batch.background_of(static_cast<int>(c)), ray_bytes);
+  }
   if (moving) {
     const auto from = {&batch.x, &batch.y, &batch.z};
     Real* to = chunk.data(tape.position);

@@ -60,7 +60,8 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       distortion(distortion_weight(o, s)),
       depth_weight(depth_loss_weight(o, s, p)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
-            learnt_light(o.grid_recipe.light, source.files()), o.grid_recipe.motion.shape()),
+            learnt_light(o.grid_recipe.light, source.files()), o.grid_recipe.motion.shape(),
+            o.grid_recipe.medium.medium),
       optimiser(field),
       maker(source, field, distortion > 0 || depth_weight > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
@@ -79,6 +80,13 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   if (!field.motion.empty())
     sections.push_back({"the motion's networks", field.motion.begin, field.motion.end, 0,
                         o.grid_recipe.motion.rate});
+  if (has_medium()) {
+    check_medium(scene, o.grid_recipe.medium);
+    sections.push_back({"the medium", field.medium_numbers.offset,
+                        field.medium_numbers.offset + field.medium_numbers.size(), 0,
+                        o.grid_recipe.medium.rate});
+    batch.keep_lines();
+  }
   const LightRecipe& light = o.grid_recipe.light;
   const auto add_book = [&](const char* name, const LinearWeights& book, double rate,
                             double decay) {
@@ -98,7 +106,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   queries.resize(static_cast<size_t>(pool.size()));
   if (o.grid_recipe.cameras.refine == RefineCameras::kOn) {
     cameras = std::make_unique<CameraRefinement>(scene, photos, o.grid_recipe.cameras, source);
-    batch.keep_lines();
+    if (!batch.lines) batch.keep_lines();
     ray_moves.resize(batch.weight.size());
   }
   if (!field.motion.empty()) {
@@ -172,6 +180,7 @@ int64_t GridTrainer::most_rays() const {
 
 void GridTrainer::draw() {
   batch.lists = open;
+  if (has_medium()) maker.set_background(field.medium().colour);
   if (!given.empty())
     return maker.fill(seed(), done, static_cast<int64_t>(given.size()), samples_per_cell_at(done),
                       given, batch);

@@ -96,6 +96,7 @@ struct GridTrainer final : TrainerImpl {
   void set_loss(int64_t c, const GridTape& tape, Chunk& chunk);
   // What a squared error, summed over channels, of a ray of chunk c counts in the loss.
   Real scale_of(int64_t c, int ray) const;
+  bool has_medium() const { return field.medium_numbers.out > 0; }
   bool has_losses_on_weights() const { return distortion > 0 || depth_weight > 0; }
   void add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk);
   // Of the samples that the backward pass went on with: what their lookups need to learn.

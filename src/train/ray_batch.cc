@@ -108,6 +108,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = given.empty() ? random.uniform() : pixel.ray.background[k];
+      if (background_) record.background[k] = (*background_)[k];
       record.direction[k] = static_cast<Real>(pixel.ray.direction[k]);
       record.target[k] = pixel.rgb[k] * pixel.alpha + record.background[k] * (1 - pixel.alpha);
       const Real e = record.background[k] - record.target[k];

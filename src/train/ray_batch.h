@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -151,6 +152,8 @@ class RayBatchMaker {
                 ThreadPool& pool);
   // From now on rays say which tile of it they are of; must outlive this.
   void use_tiles(const RobustMask& robust) { robust_ = &robust; }
+  // What all rays end in, given ones too, in place of what is drawn.
+  void set_background(const Vec3& background) { background_ = background; }
   // Of a sample: once more what its block holds, with a vector's reserve, and its ray's record.
   static constexpr uint64_t kBytesOfSample = 2 * 6 * sizeof(Real) + 100;
   void fill(uint64_t seed, int64_t step, int64_t rays, Real samples_per_cell, RayBatch& batch) {
@@ -191,6 +194,7 @@ class RayBatchMaker {
   const GridField& field_;
   bool intervals_, lists_ = false, lines_ = false;
   const RobustMask* robust_ = nullptr;
+  std::optional<Vec3> background_;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread
   std::vector<RaySamples> scratch_;

@@ -26,10 +26,10 @@ namespace {
 auto fields(RenderOptions& o) {
   auto& [background, unclipped, bbox, time, appearance, min_transmittance, stop_transmittance,
          unshaded, shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
-         uniform_share, layers] = o;
+         uniform_share, layers, medium] = o;
   return std::tie(background, unclipped, bbox, time, appearance, min_transmittance,
                   stop_transmittance, unshaded, shared_colour, interpolated, precision, supersample,
-                  sample_factor, max_samples, uniform_share, layers);
+                  sample_factor, max_samples, uniform_share, layers, medium);
 }
 using Fields = decltype(fields(std::declval<RenderOptions&>()));
 
@@ -48,7 +48,8 @@ const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
                          0.5_r,
                          64,
                          0.0_r,
-                         std::optional(Layers{.samples = true})};
+                         std::optional(Layers{.samples = true}),
+                         std::optional(Medium{.attenuation = {0.2, 0.2, 0.2}})};
 constexpr size_t kCount = std::tuple_size_v<Fields>;
 static_assert(std::tuple_size_v<decltype(kOthers)> == kCount);
 
@@ -72,7 +73,8 @@ constexpr std::array<About, kCount> kAbout{{{"background", true},
                                             {"sample_factor", false},
                                             {"max_samples", false},
                                             {"uniform_share", false},
-                                            {"layers", true}}};
+                                            {"layers", true},
+                                            {"medium", true}}};
 
 struct Outcome {
   std::array<int64_t, 4> work;

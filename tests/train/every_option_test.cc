@@ -46,6 +46,10 @@ void opaque_photos(Setting& s) {
   for (Photo& p : s.capture.photos.photos)
     for (size_t i = 3; i < p.pixels8.size(); i += 4) p.pixels8[i] = 255;
 }
+void in_fog(Setting& s) {
+  opaque_photos(s);
+  s.options.grid_recipe.medium.medium = LearntMedium::kFog;
+}
 // So thin that the last interval is not opaque by itself; a softplus is nowhere 0, so that one
 // without end would be.
 void thin_and_opaque_photos(Setting& s) {
@@ -236,6 +240,8 @@ const std::vector<Line>& table() {
       {"ambient", {"2"}, moving},
       {"motion_rate", {"0.9"}, moving},
       {"motion_width", {"16"}, moving},
+      {"medium", {"water"}, opaque_photos},
+      {"medium_rate", {"0.1"}, in_fog},
       {"refine_cameras", {"on"}, cameras_at_once},
       {"camera_rate", {"0.01"}, refined},
       {"camera_final_rate", {"0.5"}, refined},

@@ -121,6 +121,17 @@ struct GroupState : OperationState {
   std::vector<Real> share, per_light;
 };
 
+// The numbers of a learnt medium, one row of so many in `numbers`, an array of the model's weights:
+//   fog:    softplus^-1 of the coefficient of all channels, sigmoid^-1 of the colour's three
+//   water:  of three coefficients of attenuation, of three of backscatter, and of the colour
+inline constexpr int kFogNumbers = 4, kWaterNumbers = 9;
+// Colours at distances, as they are seen through it (model/medium.h); of samples or of groups:
+//   colour [3 x n], distance [1 x n] -> exp(-attenuation distance) colour
+//                                       + (1 - exp(-backscatter distance)) medium colour
+Value see_through(Tape& tape, Value colour, Value distance, const LinearWeights& numbers);
+// pixel [4 x rays] before black -> the same before the medium, which is without an end.
+Value over_medium(Tape& tape, Value pixel, const LinearWeights& numbers);
+
 // Adds `gradient` [rows of x], which the caller fills between forward and backward, to the gradient
 // of x: for losses that are computed beside the tape (parts/losses.h).
 void add_gradient(Tape& tape, Value x, Value gradient);

@@ -19,6 +19,7 @@ struct Ray {
   Real time = 0;                // [0, 1], from the capture's first moment to its last
   int photo = -1;               // whose codes the field may take; below 0: none
   Vec3 background{};            // sRGB, seen behind everything
+  double medium_from = 0;       // a medium is passed from here to `far`, wherever `near` is
 };
 
 // The ray through an image point (pixels). camera_to_engine: as ray_pose() takes it. No value where

@@ -20,6 +20,7 @@
 #include "nerf/math/contraction.h"
 #include "nerf/model/field.h"
 #include "nerf/model/grid_motion.h"
+#include "nerf/model/medium.h"
 #include "nerf/model/pixel_loss.h"
 #include "nerf/parts/occupancy.h"
 #include "nerf/parts/ray_sampler.h"
@@ -99,7 +100,7 @@ HashGridShape hash_grid_shape(const GridOptions& options);
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField final : Field {
   GridField(const GridOptions& options, bool unbounded, int cascades, const CodeShape& codes = {},
-            const MotionShape& motion = {});
+            const MotionShape& motion = {}, LearntMedium medium = LearntMedium::kNone);
   // Estimates: of a field, and of the weights of its networks.
   static uint64_t memory_bytes(const GridOptions& options, bool unbounded, int cascades);
   static uint64_t network_weights(const GridOptions& options);
@@ -112,9 +113,11 @@ struct GridField final : Field {
   AlignedArray<Real> table;
   AlignedArray<uint16_t> half_table;
   std::vector<LinearWeights> density_layers, colour_layers;
-  MotionNetworks motion;  // empty: the scene stands still
+  MotionNetworks motion;         // empty: the scene stands still
+  LinearWeights medium_numbers;  // see_through(); none: photos were not taken through a medium
   CodeBooks books;
-  AlignedArray<Real> weights;  // of both networks, those of motion, then the books
+  // Of both networks, those of motion, the medium, then the books.
+  AlignedArray<Real> weights;
   size_t network_size() const { return weights.size() - books.size(); }
   std::vector<LinearWeights> layers() const override;
   std::unique_ptr<FieldQuery> query(const LayerPacks* packs) const override;
@@ -126,6 +129,9 @@ struct GridField final : Field {
   std::vector<Real> default_code(Real, int = -1) const override {
     return mean_appearance(books, weights.span()).code;
   }
+  LearntMedium learnt_medium() const;
+  // In engine units; without one a field has nothing of it.
+  Medium medium() const;
   OccupancyGrid occupancy;
   Box3 clip;  // engine coordinates; no matter outside
 
@@ -180,9 +186,10 @@ struct GridTape {
   Value features = 0;          // in: [F L x samples]
   Value directions = 0;        // in: [3 x rays]
   Value delta = 0;             // in: [1 x samples]
+  Value distance = -1;         // in, training with a medium: [1 x samples], engine units
   Value position = -1;         // in, with motion: [3 x samples], grid coordinates, not canonical
   Value time = -1;             // in, with motion: [1 x rays]
-  Value background = 0;        // in: [3 x rays]
+  Value background = 0;        // in: [3 x rays]; black where a medium is learnt
   Value photo = -1;            // in, training with codes: [1 x rays], Ray::photo
   Value code = -1;             // in, else, with an appearance code: [numbers x rays]
   PixelLossInputs pixel_loss;  // in, training only

@@ -3,12 +3,14 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "nerf/base/cancel.h"
 #include "nerf/base/real.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/medium.h"
 #include "nerf/model/model_info.h"
 
 namespace nerf {
@@ -41,6 +43,8 @@ class RadianceField {
   bool shows_background() const { return is_grid() || info_.alpha; }
   // Whether pictures depend on RenderOptions::time.
   bool moves() const;
+  // What the field has learnt that its photos were taken through, if anything.
+  std::optional<Medium> medium() const;
   // A copy as if nothing were known to be empty: every cell may hold matter, and nothing is baked.
   RadianceField without_empty_cells() const;
   const Field& field() const;

@@ -13,6 +13,7 @@
 #include "nerf/math/camera.h"
 #include "nerf/math/vec.h"
 #include "nerf/model/layers.h"
+#include "nerf/model/medium.h"
 #include "nerf/parts/codes.h"
 
 namespace nerf {
@@ -60,6 +61,10 @@ struct RenderOptions {
   // Frame::layers is made too, of these and what they always hold; every pixel then has rays of its
   // own.
   std::optional<Layers> layers{};
+  // What the scene is seen through, the box of the options or not; without: what the field has
+  // learnt with its photos, if anything. An empty one leaves that out. Opacity counts the medium,
+  // by the mean of the channels; distances, normals and samples are the field's alone.
+  std::optional<Medium> medium{};
 
   // Turns off all of the above that leaves work out.
   void skip_nothing() {

@@ -31,7 +31,12 @@ SurfaceRegion region_of(const RadianceField& field, const Box3& bbox);
 
 // What the model is asked with.
 struct SurfaceOptions {
-  RenderOptions render;  // appearance, time, precision; no supersampling
+  // Appearance, time, precision; no supersampling. What photos were taken through is left out.
+  RenderOptions render = [] {
+    RenderOptions clear;
+    clear.medium.emplace();
+    return clear;
+  }();
   int resolution = 512;  // voxels along the region's longest side
   // Rays at most that look for depth; pictures are as fine as voxels where that takes fewer.
   int64_t most_rays = 20'000'000;

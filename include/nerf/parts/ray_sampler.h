@@ -31,6 +31,9 @@ struct SamplerOptions {
 struct RaySamples {
   std::vector<Real> t;      // distance from the sampler's entry() along the ray
   std::vector<Real> delta;  // interval length
+  // Where each interval begins, on request: it ends where the next begins, or before a gap.
+  bool with_fronts = false;
+  std::vector<Real> front;
 };
 
 // A ray's passage through one occupied cell.

@@ -6,6 +6,7 @@
 #include "nerf/base/options.h"
 #include "nerf/train/camera_recipe.h"
 #include "nerf/train/light_recipe.h"
+#include "nerf/train/medium_recipe.h"
 #include "nerf/train/motion_recipe.h"
 
 namespace nerf {
@@ -32,6 +33,7 @@ struct GridRecipe {
   LightRecipe light;
   CameraRecipe cameras;
   MotionRecipe motion;
+  MediumRecipe medium;
 
   template <class V>
   void visit_options(V& v) {
@@ -89,6 +91,7 @@ struct GridRecipe {
     light.visit_options(v);
     cameras.visit_options(v);
     motion.visit_options(v);
+    medium.visit_options(v);
     for (const char* name : {"network_l2", "late_levels", "coarse_photos", "error_guidance"})
       v.retired(name, 0.0);
     v.retired("every_row", false);

@@ -1,0 +1,145 @@
+// Photos of one sphere through fog and water of known coefficients.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "nerf/model/renderer.h"
+#include "nerf/train/evaluation.h"
+#include "nerf/train/medium_recipe.h"
+#include "nerf/train/trainer.h"
+#include "support/fogged_sphere.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::bits_of;
+
+Medium fog() {
+  Medium m;
+  m.attenuation = m.backscatter = {0.3, 0.3, 0.3};
+  m.colour = {0.7_r, 0.75_r, 0.8_r};
+  return m;
+}
+
+Medium water() {
+  Medium m;
+  m.attenuation = {0.5, 0.3, 0.2};
+  m.backscatter = {0.4, 0.3, 0.25};
+  m.colour = {0.15_r, 0.45_r, 0.6_r};
+  return m;
+}
+
+TrainOptions options_with(LearntMedium medium, int64_t steps) {
+  TrainOptions o = test::tiny_options(steps);
+  o.grid_recipe.medium.medium = medium;
+  return o;
+}
+
+// Largest relative error of what was learnt.
+void expect_recovered(const Medium& learnt, const Medium& truth) {
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_NEAR(learnt.attenuation[k], truth.attenuation[k], 0.1 * truth.attenuation[k]) << k;
+    EXPECT_NEAR(learnt.backscatter[k], truth.backscatter[k], 0.1 * truth.backscatter[k]) << k;
+    EXPECT_NEAR(learnt.colour[k], truth.colour[k], 0.1_r * truth.colour[k]) << k;
+  }
+}
+
+// PSNR of the sphere's pixels without the medium, against its own colours.
+double clear_psnr(const RadianceField& field, const test::SyntheticCapture& c, ThreadPool& pool) {
+  RenderOptions options;
+  options.medium.emplace();
+  double squares = 0;
+  size_t count = 0;
+  for (const int v : c.scene.test) {
+    const View& view = c.scene.views[static_cast<size_t>(v)];
+    const Camera& camera = c.scene.cameras[0];
+    const Photo truth = test::sphere_photo(camera, view.pose);
+    const Frame seen = render(field, camera, view.pose, options, pool);
+    for (size_t p = 0; p < seen.alpha.size(); ++p)
+      for (size_t k = 0; k < 3 && truth.pixels8[4 * p + 3] == 255; ++k, ++count)
+        squares += std::pow(truth.pixels8[4 * p + k] / 255.0 - double{seen.rgb[3 * p + k]}, 2);
+  }
+  return -10 * std::log10(squares / static_cast<double>(count));
+}
+
+void expect_learnt(LearntMedium kind, const Medium& truth) {
+  const auto env = [](const char* n, double d) {
+    return std::getenv(n) ? std::atof(std::getenv(n)) : d;
+  };
+  const auto c = test::fogged_capture(truth, static_cast<int>(env("VIEWS", 32)),
+                                      static_cast<int>(env("SIZE", 32)));
+  ThreadPool pool(2);
+  TrainOptions o = options_with(kind, static_cast<int64_t>(env("STEPS", 600)));
+  o.grid_recipe.medium.rate = env("MRATE", 1);
+  o.rate = env("RATE", 0.01);
+  o.grid.hidden = static_cast<int>(env("HIDDEN", 16));
+  o.grid_recipe.shared_colour = env("SHARED", 0.125);
+  o.grid_recipe.batch_samples = static_cast<int>(env("BATCH", 4800));
+  Trainer trainer(c.scene, c.photos, o, pool);
+  trainer.run({});
+  const RadianceField field = trainer.snapshot();
+  ASSERT_TRUE(field.medium());
+  const Medium m = *field.medium();
+  std::printf("A %.3f %.3f %.3f B %.3f %.3f %.3f C %.3f %.3f %.3f psnr %.2f clear %.2f\n",
+              m.attenuation.x, m.attenuation.y, m.attenuation.z, m.backscatter.x, m.backscatter.y,
+              m.backscatter.z, m.colour.x, m.colour.y, m.colour.z,
+              evaluate(field, c.scene, c.photos, {}, pool).psnr, clear_psnr(field, c, pool));
+  expect_recovered(*field.medium(), truth);
+  EXPECT_GT(evaluate(field, c.scene, c.photos, {}, pool).psnr, 28) << "held-out photos, as taken";
+  EXPECT_GT(clear_psnr(field, c, pool), 20);
+}
+
+TEST(LearntMedium, FogIsRecovered) { expect_learnt(LearntMedium::kFog, fog()); }
+TEST(LearntMedium, WaterIsRecovered) { expect_learnt(LearntMedium::kWater, water()); }
+
+TEST(LearntMedium, ModelFilesKeepItAndPicturesShowItUnlessToldOtherwise) {
+  const auto c = test::fogged_capture(water(), 8);
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, options_with(LearntMedium::kWater, 30), pool);
+  trainer.run({});
+  const test::TempFolder folder;
+  const RadianceField field = trainer.snapshot();
+  field.save(folder / "model");
+  const RadianceField loaded = RadianceField::load(folder / "model");
+  ASSERT_TRUE(loaded.medium());
+  EXPECT_EQ(loaded.medium()->attenuation, field.medium()->attenuation);
+  EXPECT_EQ(loaded.medium()->backscatter, field.medium()->backscatter);
+  EXPECT_EQ(loaded.medium()->colour, field.medium()->colour);
+  RenderOptions usual, own, clear;
+  own.medium = field.medium();
+  clear.medium.emplace();
+  const auto picture = [&](const RadianceField& f, const RenderOptions& o) {
+    return render(f, c.scene.cameras[0], c.scene.views[0].pose, o, pool).rgb;
+  };
+  EXPECT_EQ(picture(loaded, usual), picture(field, usual));
+  EXPECT_EQ(picture(field, usual), picture(field, own));
+  EXPECT_NE(picture(field, usual), picture(field, clear));
+}
+
+TEST(LearntMedium, ThreadsAndInterruptionsChangeNothing) {
+  const auto c = test::fogged_capture(water(), 8);
+  const TrainOptions options = options_with(LearntMedium::kWater, 24);
+  ThreadPool one(1), two(2);
+  Trainer a(c.scene, c.photos, options, one), b(c.scene, c.photos, options, two);
+  a.run({});
+  for (int i = 0; i < 12; ++i) b.step();
+  const test::TempFolder folder;
+  b.save_checkpoint(folder / "half");
+  Trainer resumed(c.scene, c.photos, options, two);
+  resumed.load_checkpoint(folder / "half");
+  for (int i = 0; i < 12; ++i) resumed.step();
+  EXPECT_EQ(bits_of(a), bits_of(resumed));
+}
+
+TEST(LearntMedium, PhotosWithAlphaAreRefused) {
+  const auto c = test::sphere_capture();
+  ThreadPool pool(1);
+  const std::string problem = test::error_of(
+      [&] { Trainer(c.scene, c.photos, options_with(LearntMedium::kFog, 10), pool); });
+  EXPECT_TRUE(test::contains(problem, "alpha")) << problem;
+}
+
+}  // namespace
+}  // namespace nerf
