@@ -17,7 +17,7 @@ inline auto option_names(LearntMedium) {
 
 struct MediumRecipe {
   LearntMedium medium = LearntMedium::kNone;
-  double rate = 1;
+  double rate = 10;
 
   template <class V>
   void visit_options(V& v) {
@@ -27,7 +27,7 @@ struct MediumRecipe {
       "nerf_render "
       "shows the scene through it, or clear with --medium off");
     v("medium_rate", rate, "step size of the medium's numbers, as a share of the networks'",
-      above(0), at_most(10));
+      above(0), at_most(100));
   }
 };
 
