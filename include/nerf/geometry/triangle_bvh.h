@@ -52,7 +52,8 @@ class TriangleBvh {
   };
   class Builder;
 
-  // Where a ray enters a node's box; above `far` where it misses.
+  // Where a ray enters a node's box; not a number where it misses, which is below no `far`, not
+  // even an infinite one.
   static double entry(const Node& node, const Slopes& ray, double near, double far) {
     double t0 = near, t1 = far;
     for (size_t k = 0; k < 3; ++k) {
@@ -63,7 +64,7 @@ class TriangleBvh {
       t0 = std::max(t0, std::min(a, b) == std::min(a, b) ? std::min(a, b) : t0);
       t1 = std::min(t1, std::max(a, b) == std::max(a, b) ? std::max(a, b) : t1);
     }
-    return t0 <= t1 ? t0 : std::numeric_limits<double>::infinity();
+    return t0 <= t1 ? t0 : std::numeric_limits<double>::quiet_NaN();
   }
   // Moeller and Trumbore 1997.
   static bool hits(const Corners& c, const Vec3d& origin, const Vec3d& direction,
@@ -109,7 +110,7 @@ bool TriangleBvh::nearest(const Vec3d& origin, const Vec3d& direction, double ne
     if (node.count == 0) {
       const double a = entry(nodes_[node.first], ray, near, far);
       const double b = entry(nodes_[node.first + 1], ray, near, far);
-      const bool a_first = a <= b;
+      const bool a_first = !(b < a);
       const Waiting later{a_first ? node.first + 1 : node.first, a_first ? b : a};
       const Waiting sooner{a_first ? node.first : node.first + 1, a_first ? a : b};
       if (later.t <= far) stack[waiting++] = later;
