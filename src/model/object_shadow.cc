@@ -34,22 +34,30 @@ struct Frame3 {
 // The field's surface as the picture shows it.
 class SeenSurface {
  public:
-  SeenSurface(const Camera& camera, const Pose& pose, double unit, const ObjectPixels& pixels,
-              const Frame& frame)
-      : camera_(camera), pose_(pose), unit_(unit), pixels_(pixels), frame_(frame) {}
+  // unit: of depths, per engine unit.
+  SeenSurface(const Camera& camera, const Pose& pose, double unit, const Frame& frame,
+              ThreadPool& pool)
+      : camera_(camera), pose_(pose), points_(frame.alpha.size()) {
+    pool.parallel_for(camera.height, [&](int64_t row) {
+      const int y = static_cast<int>(row);
+      std::vector<Vec3d> rays(static_cast<size_t>(camera.width));
+      unproject_row(camera, 0, y, rays);
+      for (int x = 0; x < camera.width; ++x) {
+        const size_t p = index(x, y);
+        const Vec3d& ray = rays[static_cast<size_t>(x)];
+        if (!(frame.alpha[p] >= 0.5_r) || !(frame.depth_z[p] > 0) || ray == Vec3d()) continue;
+        const double distance =
+            static_cast<double>(frame.depth_z[p]) * unit / depth_per_distance(camera, ray);
+        points_[p] =
+            ray_pose(camera, pose, {x + 0.5, y + 0.5}).translation + pose.rotation * ray * distance;
+      }
+    });
+  }
 
   // Engine coordinates; no value where the field stops too little before the object.
   std::optional<Vec3d> point(int x, int y) const {
     if (x < 0 || y < 0 || x >= camera_.width || y >= camera_.height) return std::nullopt;
-    const size_t p = index(x, y);
-    if (!(frame_.alpha[p] >= 0.5_r) || !(frame_.depth_z[p] > 0)) return std::nullopt;
-    const Vec2d at{x + 0.5, y + 0.5};
-    const auto d = unproject(camera_, at);
-    if (!d) return std::nullopt;
-    const Vec3d ray = normalized(*d);
-    const double distance =
-        static_cast<double>(frame_.depth_z[p]) * unit_ / depth_per_distance(camera_, ray);
-    return ray_pose(camera_, pose_, at).translation + pose_.rotation * ray * distance;
+    return points_[index(x, y)];
   }
   size_t index(int x, int y) const {
     return static_cast<size_t>(y) * static_cast<size_t>(camera_.width) + static_cast<size_t>(x);
@@ -73,9 +81,7 @@ class SeenSurface {
  private:
   const Camera& camera_;
   const Pose& pose_;
-  double unit_;
-  const ObjectPixels& pixels_;
-  const Frame& frame_;
+  std::vector<std::optional<Vec3d>> points_;
 };
 
 // The share of the light at a point that is left, by colour; nothing where the object takes none.
@@ -158,7 +164,7 @@ Vec3d haze_before(const ShadowCaster& caster, const SeenSurface& surface, const 
 
 void cast_shadows(const ShadowCaster& caster, const ObjectPixels& pixels, const Camera& camera,
                   const Pose& camera_to_engine, double unit, ThreadPool& pool, Frame& frame) {
-  const SeenSurface surface(camera, camera_to_engine, unit, pixels, frame);
+  const SeenSurface surface(camera, camera_to_engine, unit, frame, pool);
   const Vec3d sent = mean_sent(caster);
   const size_t n = frame.alpha.size();
   std::vector<Vec3d> left(n, Vec3d{1, 1, 1});
