@@ -1,7 +1,6 @@
 // A medium in nerf_render's pictures, from the command line.
 #pragma once
 
-#include <optional>
 #include <string>
 
 #include "nerf/model/medium.h"

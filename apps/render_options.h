@@ -187,8 +187,7 @@ struct RenderCommand {
       "what the scene is seen through: fog, smoke or water; sigma is what weakens light, per input "
       "unit, of all channels or each; colour what is left to see, 0 to 1; falloff makes it thin "
       "with height, from sigma at `height` on; box is where it ends, input coordinates; off: "
-      "clear; "
-      "without it what nerf_train --medium has learnt",
+      "clear; without it what nerf_train --medium has learnt",
       metavar("KIND[,sigma=N][,colour=R,G,B][,height=H,falloff=L][,box=X,Y,Z,X,Y,Z]"),
       brief("fog, smoke or water before the scene; off: clear"));
     v("exposure", exposure, "stops by which the pictures are brighter", at_least(-10), at_most(10),

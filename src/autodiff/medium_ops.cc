@@ -4,31 +4,33 @@
 
 #include "nerf/autodiff/operations.h"
 #include "nerf/base/error.h"
-#include "nerf/math/reference/activations.h"
+#include "nerf/math/medium_numbers.h"
 
 namespace nerf {
 namespace {
 
 // The medium by channel, from its numbers, and the gradient on its way back to them.
-class MediumNumbers {
+class LearntNumbers {
  public:
-  MediumNumbers(const Chunk& c, const LinearWeights& w) : from_(c.weights + w.offset), w_(w) {
+  LearntNumbers(const Chunk& c, const LinearWeights& w)
+      : from_(c.weights + w.offset), to_(w.offset), of_{w.in} {
     for (int k = 0; k < 3; ++k) {
-      attenuation[k] = reference::softplus(number(attenuation_at(k)));
-      backscatter[k] = reference::softplus(number(backscatter_at(k)));
-      colour[k] = reference::sigmoid(number(colour_at(k)));
+      const MediumChannel channel(of_, k, [&](int i) { return number(i); });
+      attenuation[k] = channel.attenuation;
+      backscatter[k] = channel.backscatter;
+      colour[k] = channel.colour;
     }
   }
 
   // Adds the sums below to the numbers' gradient.
   void go_back(Chunk& c) const {
-    Real* to = c.weight_gradient + w_.offset;
+    Real* to = c.weight_gradient + to_;
     // softplus' = sigmoid.
     for (int k = 0; k < 3; ++k) {
-      const int a = attenuation_at(k), b = backscatter_at(k);
+      const int a = of_.attenuation(k), b = of_.backscatter(k);
       to[a] += static_cast<Real>(d_attenuation[k] * reference::sigmoid(number(a)));
       to[b] += static_cast<Real>(d_backscatter[k] * reference::sigmoid(number(b)));
-      to[colour_at(k)] += static_cast<Real>(d_colour[k] * colour[k] * (1 - colour[k]));
+      to[of_.colour(k)] += static_cast<Real>(d_colour[k] * reference::sigmoid_slope(colour[k]));
     }
   }
 
@@ -36,15 +38,11 @@ class MediumNumbers {
   double d_attenuation[3] = {}, d_backscatter[3] = {}, d_colour[3] = {};
 
  private:
-  // Fog has one coefficient for all.
-  bool fog() const { return w_.in == kFogNumbers; }
-  int attenuation_at(int k) const { return fog() ? 0 : k; }
-  int backscatter_at(int k) const { return fog() ? 0 : 3 + k; }
-  int colour_at(int k) const { return fog() ? 1 + k : 6 + k; }
   double number(int i) const { return static_cast<double>(from_[i]); }
 
   const Real* from_;
-  const LinearWeights& w_;
+  size_t to_;
+  MediumNumbers of_;
 };
 
 class SeeThrough : public Operation {
@@ -54,7 +52,7 @@ class SeeThrough : public Operation {
   const char* name() const override { return "see_through"; }
 
   void forward(Chunk& c) const override {
-    const MediumNumbers m(c, numbers_);
+    const LearntNumbers m(c, numbers_);
     const Value colour = inputs()[0];
     const int64_t n = c.count(colour), padded = round_up(n, kLane);
     const Real* d = c.data(inputs()[1]);
@@ -70,7 +68,7 @@ class SeeThrough : public Operation {
   }
 
   void backward(Chunk& c) const override {
-    MediumNumbers m(c, numbers_);
+    LearntNumbers m(c, numbers_);
     const Value colour = inputs()[0], distance = inputs()[1];
     const int64_t n = c.count(colour), padded = round_up(n, kLane);
     const Real* d = c.data(distance);
@@ -108,7 +106,7 @@ class OverMedium : public Operation {
   const char* name() const override { return "over_medium"; }
 
   void forward(Chunk& c) const override {
-    const MediumNumbers m(c, numbers_);
+    const LearntNumbers m(c, numbers_);
     const Value pixel = inputs()[0];
     const int64_t padded = round_up(c.rays, kLane), lx = c.stride(pixel), ly = c.stride(output());
     const Real *x = c.data(pixel), *opacity = x + 3 * lx;
@@ -121,7 +119,7 @@ class OverMedium : public Operation {
   }
 
   void backward(Chunk& c) const override {
-    MediumNumbers m(c, numbers_);
+    LearntNumbers m(c, numbers_);
     const Value pixel = inputs()[0];
     const int64_t padded = round_up(c.rays, kLane), lx = c.stride(pixel), ly = c.stride(output());
     const Real *opacity = c.data(pixel) + 3 * lx, *dy = c.gradient(output());

@@ -9,8 +9,8 @@
 #include "nerf/kernels/encoding.h"
 #include "nerf/kernels/simd.h"
 #include "nerf/math/contraction.h"
+#include "nerf/math/medium_numbers.h"
 #include "nerf/math/random.h"
-#include "nerf/math/reference/activations.h"
 
 namespace nerf {
 
@@ -160,15 +160,13 @@ LearntMedium GridField::learnt_medium() const {
 
 Medium GridField::medium() const {
   Medium m;
-  const bool fog = learnt_medium() == LearntMedium::kFog;
-  if (medium_numbers.out == 0) return m;
-  const auto number = [&](int i) {
-    return static_cast<double>(weights[medium_numbers.offset + static_cast<size_t>(i)]);
-  };
-  for (int k = 0; k < 3; ++k) {
-    m.attenuation[k] = reference::softplus(number(fog ? 0 : k));
-    m.backscatter[k] = reference::softplus(number(fog ? 0 : 3 + k));
-    m.colour[k] = static_cast<Real>(reference::sigmoid(number(fog ? 1 + k : 6 + k)));
+  for (int k = 0; medium_numbers.out > 0 && k < 3; ++k) {
+    const MediumChannel channel({medium_numbers.in}, k, [&](int i) {
+      return static_cast<double>(weights[medium_numbers.offset + static_cast<size_t>(i)]);
+    });
+    m.attenuation[k] = channel.attenuation;
+    m.backscatter[k] = channel.backscatter;
+    m.colour[k] = static_cast<Real>(channel.colour);
   }
   return m;
 }

@@ -154,9 +154,10 @@ void darken(const Vec3d& left, const Vec3& behind, Real through, const Vec3d& ha
 // What a medium adds before the surface in a pixel, times the surface's share of the pixel.
 Vec3d haze_before(const ShadowCaster& caster, const SeenSurface& surface, const Camera& camera,
                   const Pose& camera_to_engine, int x, int y) {
+  if (!caster.medium) return {};
   const auto point = surface.point(x, y);
-  auto ray = camera_ray(camera, camera_to_engine, {x + 0.5, y + 0.5});
-  if (!caster.medium || !point || !ray) return {};
+  const auto ray = camera_ray(camera, camera_to_engine, {x + 0.5, y + 0.5});
+  if (!point || !ray) return {};
   return MediumRay(*caster.medium, *ray).before(length(*point - ray->origin)).haze;
 }
 

@@ -85,7 +85,6 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     sections.push_back({"the medium", field.medium_numbers.offset,
                         field.medium_numbers.offset + field.medium_numbers.size(), 0,
                         o.grid_recipe.medium.rate});
-    batch.keep_lines();
   }
   const LightRecipe& light = o.grid_recipe.light;
   const auto add_book = [&](const char* name, const LinearWeights& book, double rate,
@@ -106,9 +105,9 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   queries.resize(static_cast<size_t>(pool.size()));
   if (o.grid_recipe.cameras.refine == RefineCameras::kOn) {
     cameras = std::make_unique<CameraRefinement>(scene, photos, o.grid_recipe.cameras, source);
-    if (!batch.lines) batch.keep_lines();
     ray_moves.resize(batch.weight.size());
   }
+  if (cameras || has_medium()) batch.keep_lines();
   if (!field.motion.empty()) {
     moving = std::make_unique<MovingSamples>(field, dense->packs(), batch.max_chunks, pool.size());
     if (cameras) moving->d_points = AlignedArray<Real>(3 * columns);

@@ -61,8 +61,8 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
           << document.filename() << " names " << option;
 }
 
-// The table of docs/methods.md holds what --list-methods prints, with a column for each method.
-// A slot that is too wide for it is a list below, an item for each method.
+// The tables of docs/methods.md hold what --list-methods prints, a row for each method; each has as
+// many of the slots as its lines have room for.
 TEST(Docs, ListTheMethodsThatThereAre) {
   const std::string document =
       testing_apps::read_text(fs::path(NERF_SOURCE_DIR) / "docs" / "methods.md");
@@ -79,14 +79,28 @@ TEST(Docs, ListTheMethodsThatThereAre) {
     ASSERT_EQ(methods.back().size(), methods[0].size()) << line;
   }
   ASSERT_GE(methods.size(), 5u);
-  for (size_t slot = 0; slot < methods[0].size(); ++slot) {
-    std::string row = "|", list;
+  const auto row_of = [&](size_t m, size_t first, size_t last) {
+    std::string row = m == 0 ? "| " + methods[0][0] + " |" : "| `" + methods[m][0] + "` |";
+    for (size_t slot = first; slot < last; ++slot) row += " " + methods[m][slot] + " |";
+    return row;
+  };
+  const auto fits = [&](size_t first, size_t last) {
+    for (size_t m = 0; m < methods.size(); ++m)
+      if (row_of(m, first, last).size() > 120) return false;
+    return true;
+  };
+  for (size_t first = 1, last = 1; first < methods[0].size(); first = last) {
+    while (last < methods[0].size() && fits(first, last + 1)) ++last;
+    ASSERT_GT(last, first);
+    std::string table;
     for (size_t m = 0; m < methods.size(); ++m) {
-      const std::string cell = methods[m][slot], name = "`" + methods[m][0] + "`";
-      row += " " + (m > 0 && slot == 0 ? name : cell) + " |";
-      if (m > 0) list += "- " + methods[0][slot] + " of " + name + ": " + cell + "\n";
+      table += row_of(m, first, last) + "\n";
+      if (m > 0) continue;
+      table += "|";
+      for (size_t slot = first; slot <= last; ++slot) table += "---|";
+      table += "\n";
     }
-    EXPECT_NE(document.find(row.size() > 120 ? list : row + "\n"), std::string::npos) << row;
+    EXPECT_NE(document.find(table), std::string::npos) << table;
   }
 }
 

@@ -6,6 +6,7 @@
 
 #include "autodiff/reference_ops.h"
 #include "nerf/autodiff/operations.h"
+#include "nerf/math/medium_numbers.h"
 
 namespace nerf {
 namespace {

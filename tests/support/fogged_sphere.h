@@ -27,24 +27,10 @@ inline void fogged_colour(const Medium& m, const Vec3d& origin, const Vec3d& d, 
 }
 
 inline Photo fogged_photo(const Medium& m, const Camera& camera, const Pose& pose, int sub = 3) {
-  Photo photo;
-  photo.width = camera.width;
-  photo.height = camera.height;
-  photo.channels = 4;
-  for (int y = 0; y < camera.height; ++y)
-    for (int x = 0; x < camera.width; ++x) {
-      double sum[3] = {0, 0, 0};
-      for (int s = 0; s < sub * sub; ++s) {
-        const auto d = unproject(camera, {x + (s % sub + 0.5) / sub, y + (s / sub + 0.5) / sub});
-        double rgb[3];
-        fogged_colour(m, pose.translation, normalized(pose.rotation * *d), rgb);
-        for (int k = 0; k < 3; ++k) sum[k] += rgb[k] / (sub * sub);
-      }
-      for (const double v : sum)
-        photo.pixels8.push_back(static_cast<uint8_t>(std::lround(255 * v)));
-      photo.pixels8.push_back(255);
-    }
-  return photo;
+  return photo_of(camera, pose, sub, [&](const Vec3d& origin, const Vec3d& d, double rgb[3]) {
+    fogged_colour(m, origin, d, rgb);
+    return true;
+  });
 }
 
 // `views` square photos without alpha; every 4th is held out.

@@ -45,8 +45,10 @@ inline Pose spiral_pose(int i, int n) {
   return pose;
 }
 
-// Each pixel from sub x sub rays; transparent where the lens has none.
-inline Photo sphere_photo(const Camera& camera, const Pose& pose, int sub = 3) {
+// Each pixel from sub x sub rays; colour(origin, unit direction, rgb) says whether one sees
+// anything. Transparent where it does not and where the lens has no ray.
+template <class Colour>
+Photo photo_of(const Camera& camera, const Pose& pose, int sub, const Colour& colour) {
   Photo photo;
   photo.width = camera.width;
   photo.height = camera.height;
@@ -59,7 +61,7 @@ inline Photo sphere_photo(const Camera& camera, const Pose& pose, int sub = 3) {
         const Vec2d at{x + (s % sub + 0.5) / sub, y + (s / sub + 0.5) / sub};
         double rgb[3];
         const auto d = unproject(camera, at);
-        if (!d || !sphere_colour(pose.translation, normalized(pose.rotation * *d), rgb)) continue;
+        if (!d || !colour(pose.translation, normalized(pose.rotation * *d), rgb)) continue;
         ++hits;
         for (int k = 0; k < 3; ++k) sum[k] += rgb[k];
       }
@@ -68,6 +70,10 @@ inline Photo sphere_photo(const Camera& camera, const Pose& pose, int sub = 3) {
       photo.pixels8.push_back(static_cast<uint8_t>(255 * hits / (sub * sub)));
     }
   return photo;
+}
+
+inline Photo sphere_photo(const Camera& camera, const Pose& pose, int sub = 3) {
+  return photo_of(camera, pose, sub, sphere_colour);
 }
 
 inline Camera sphere_camera(int size) {

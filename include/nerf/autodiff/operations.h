@@ -121,11 +121,9 @@ struct GroupState : OperationState {
   std::vector<Real> share, per_light;
 };
 
-// The numbers of a learnt medium, one row of so many in `numbers`, an array of the model's weights:
-//   fog:    softplus^-1 of the coefficient of all channels, sigmoid^-1 of the colour's three
-//   water:  of three coefficients of attenuation, of three of backscatter, and of the colour
-inline constexpr int kFogNumbers = 4, kWaterNumbers = 9;
-// Colours at distances, as they are seen through it (model/medium.h); of samples or of groups:
+// Colours at distances, as they are seen through a medium (model/medium.h); of samples or of
+// groups. `numbers`: where in the model's weights are those it is learnt as, one row of as many as
+// math/medium_numbers.h says.
 //   colour [3 x n], distance [1 x n] -> exp(-attenuation distance) colour
 //                                       + (1 - exp(-backscatter distance)) medium colour
 Value see_through(Tape& tape, Value colour, Value distance, const LinearWeights& numbers);

@@ -1,12 +1,11 @@
 // Reverse-mode differentiation over chunks of rays.
 //
 // A value is a matrix [rows x samples], [rows x rays] or [rows x groups], a group being successive
-// samples of a ray that an operation has put together (group_light()): that operation says how many
-// there are. Model code records
-// operations on a Tape once; plan() then lays every value and gradient out in one arena. A Chunk is
-// one thread's execution of that plan: its own arena, a view of the weights and an accumulator for
-// their gradients. The tape itself is constant after plan(), so any number of chunks run on it at
-// once, and nothing is allocated in a step.
+// samples of a ray that an operation has put together; that operation (group_light()) says how many
+// there are. Model code records operations on a Tape once; plan() then lays every value and
+// gradient out in one arena. A Chunk is one thread's execution of that plan: its own arena, a view
+// of the weights and an accumulator for their gradients. The tape itself is constant after plan(),
+// so any number of chunks run on it at once, and nothing is allocated in a step.
 //
 // Rows have a stride of the chunk's capacity; columns beyond the count in use are padding up to a
 // multiple of kLane (kernels/linear.h): finite in values, zero in gradients.
