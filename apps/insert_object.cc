@@ -10,7 +10,6 @@
 #include "nerf/base/error.h"
 #include "nerf/base/nearest_name.h"
 #include "nerf/io/mesh_file.h"
-#include "nerf/io/object_file.h"
 #include "nerf/model/integrator.h"
 
 namespace nerf::apps {
@@ -78,7 +77,8 @@ void InsertOptions::check_options() const {
   if (insert.empty()) {
     const InsertOptions none;
     if (at || !place.empty() || light || scale != none.scale || !(rotate == none.rotate) ||
-        !field_light || !object_shadow)
+        !field_light || !object_shadow || !object_animation.empty() || object_start != 0 ||
+        !object_loop)
       throw Error("there is no object to place", "--insert", "give --insert FILE");
     return;
   }
@@ -130,21 +130,47 @@ Similarity object_to_input(const InsertOptions& options, const RadianceField& fi
   return {options.scale, rotation, pivot - rotation.transposed() * at / options.scale};
 }
 
+double played_time(double seconds, double first, double last, bool loop) {
+  if (seconds <= last || !(last > first)) return std::min(seconds, last);
+  return loop ? first + std::fmod(seconds - first, last - first) : last;
+}
+
+void InsertedObject::show(double seconds, const RenderOptions& render, ThreadPool& pool) {
+  if (!motion) return;
+  TriangleMesh moved = mesh;
+  motion->pose(played_time(start + seconds, motion->first(), motion->last(), loop), moved);
+  if (moved.positions == mesh.positions) return;
+  mesh = moved;
+  place_mesh(to_engine, moved);
+  insertion->move(std::move(moved), render, pool);
+}
+
 InsertedObject insert_object(const InsertOptions& options, const RadianceField& field,
-                             const RenderOptions& render, ThreadPool& pool) {
+                             double seconds, const RenderOptions& render, ThreadPool& pool) {
   InsertedObject inserted;
   if (options.insert.empty()) return inserted;
-  ReadObject read = read_object(options.insert);
+  ReadObject read = read_object(options.insert, options.object_animation);
   inserted.notes = std::move(read.notes);
-  const Similarity& to_engine = field.info().to_engine;
-  place_object(to_engine * object_to_input(options, field, read.object, render, pool), read.object);
+  inserted.motion = std::move(read.motion);
+  inserted.start = options.object_start;
+  inserted.loop = options.object_loop;
+  if (auto& motion = inserted.motion) {
+    motion->pose(
+        played_time(inserted.start + seconds, motion->first(), motion->last(), inserted.loop),
+        read.object.mesh);
+    inserted.mesh = read.object.mesh;
+  }
+  inserted.to_engine =
+      field.info().to_engine * object_to_input(options, field, read.object, render, pool);
+  place_mesh(inserted.to_engine, read.object.mesh);
   InsertionOptions insertion;
   insertion.field_light = options.field_light;
   insertion.shadows = options.object_shadow;
+  insertion.moves = inserted.motion != nullptr;
   if (options.light) {
     const double strength = length(*options.light);
     insertion.lights.push_back(
-        {to_engine.rotation * (*options.light / strength), Vec3d{1, 1, 1} * strength});
+        {field.info().to_engine.rotation * (*options.light / strength), Vec3d{1, 1, 1} * strength});
   }
   inserted.insertion =
       std::make_unique<Insertion>(field, std::move(read.object), insertion, render, pool);

@@ -9,6 +9,7 @@
 
 #include "nerf/base/options.h"
 #include "nerf/base/threads.h"
+#include "nerf/io/object_file.h"
 #include "nerf/math/option_types.h"
 #include "nerf/model/insertion.h"
 #include "nerf/model/radiance_field.h"
@@ -24,6 +25,9 @@ struct InsertOptions {
   std::optional<Vec3d> light;
   bool field_light = true;
   bool object_shadow = true;
+  std::string object_animation;
+  double object_start = 0;
+  bool object_loop = true;
 
   template <class V>
   void visit_options(V& v) {
@@ -45,6 +49,15 @@ struct InsertOptions {
       "surface shows that faces it (linear)");
     v("field_light", field_light, "the scene's own light on the object");
     v("object_shadow", object_shadow, "the object's shadow on the scene");
+    v("object_animation", object_animation,
+      "which of the object's animations plays, by its name; without it the first, with those that "
+      "move other parts",
+      metavar("NAME"));
+    v("object_start", object_start,
+      "seconds of the object's animation at the first frame; --fps says how fast frames follow",
+      at_least(0), at_most(1e6), metavar("S"));
+    v("object_loop", object_loop,
+      "the object's animation begins again at its end; --no-object-loop: stays there");
   }
   // Throws Error for combinations that cannot be.
   void check_options() const;
@@ -64,13 +77,27 @@ Similarity object_to_input(const InsertOptions& options, const RadianceField& fi
                            const SceneObject& object, const RenderOptions& render,
                            ThreadPool& pool);
 
+// Seconds in an animation's own time, so many after it began: between its first key and its last
+// again and again, or at the last.
+double played_time(double seconds, double first, double last, bool loop);
+
 struct InsertedObject {
   std::unique_ptr<Insertion> insertion;  // null: none is wanted
   std::vector<std::string> notes;
+
+  // Moves the object to where it is so many seconds into the film, and lights it there. Where it
+  // does not move this costs nothing.
+  void show(double seconds, const RenderOptions& render, ThreadPool& pool);
+
+  std::unique_ptr<ObjectMotion> motion;  // null: it stands still
+  TriangleMesh mesh;                     // where it was shown last, its own coordinates
+  Similarity to_engine;                  // from there
+  double start = 0;
+  bool loop = true;
 };
 
-// Reads the object and stands it in the field. Throws Error.
+// Reads the object and stands it in the field as it is so many seconds into the film. Throws Error.
 InsertedObject insert_object(const InsertOptions& options, const RadianceField& field,
-                             const RenderOptions& render, ThreadPool& pool);
+                             double seconds, const RenderOptions& render, ThreadPool& pool);
 
 }  // namespace nerf::apps

@@ -96,11 +96,12 @@ int render_main(int argc, char** argv) {
     if (!options.layers) options.layers.emplace();
     options.layers->normal = true;
   }
-  // Its light is that of the first frame.
+  // Where it does not move its light is that of the first frame.
   RenderOptions first_frame = options;
   first_frame.time = static_cast<Real>(plan.frames.front().time);
   first_frame.appearance = plan.frames.front().appearance;
-  const InsertedObject object = insert_object(command.object, field, first_frame, pool);
+  InsertedObject object =
+      insert_object(command.object, field, plan.frames.front().seconds, first_frame, pool);
   for (const std::string& note : object.notes) log_info(note);
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
                                         const PlannedFrame& frame, bool preview,
@@ -112,6 +113,7 @@ int render_main(int argc, char** argv) {
       own.supersample = 1;
       own.layers.reset();
     }
+    object.show(frame.seconds, own, pool);
     Frame picture = render(field, camera, camera_to_world, own, pool, progress, &stop.cancel(),
                            object.insertion.get());
     change_exposure(command.exposure, picture.rgb);

@@ -94,6 +94,8 @@ struct RenderCommand {
   int downscale = 1;
   std::optional<PictureKind> camera;
   std::optional<double> ipd;
+  std::filesystem::path path;
+  std::string path_camera;
   std::filesystem::path path_transform;
   std::optional<int> frames;
   std::optional<double> fps;
@@ -122,8 +124,9 @@ struct RenderCommand {
       metavar("RUN"), brief("folder that nerf_train wrote, or a model file"));
     v("views", views,
       "what to show: test, train, orbit, spiral, spherified, ellipse, interpolate, or a camera "
-      "path: nerfstudio's JSON, a transforms.json, a list of exported cameras, or instant-ngp's "
-      "base_cam.json, in the input model's coordinates",
+      "path: nerfstudio's JSON, a transforms.json, a list of exported cameras, instant-ngp's "
+      "base_cam.json, in the input model's coordinates, or a camera of a glTF file, in those of "
+      "nerf_export's GLB files",
       metavar("VIEWS"),
       brief("test, train, orbit, spiral, spherified, ellipse, interpolate, or the file of a camera "
             "path"));
@@ -144,13 +147,19 @@ struct RenderCommand {
     v("ipd", ipd,
       "distance between the eyes of ods and vr180, input unit; without it 0.064, as in metres",
       at_least(0), at_most(1e6));
+    v("path", path, "the file of a camera path, as --views FILE", metavar("FILE"));
+    v("path_camera", path_camera,
+      "the camera of a glTF file by its name; without it the first that moves, or the first",
+      metavar("NAME"));
     v("path_transform", path_transform,
       "dataparser_transforms.json of the nerfstudio run in whose space the camera path is; without "
       "it one beside the path's file, where the path then lies nearer to the photos' cameras",
       metavar("FILE"));
     v("frames", frames, "length of the generated paths (orbit, spiral, ...); without it 120",
       at_least(1), at_most(100000), brief("length of a generated path; without it 120"));
-    v("fps", fps, "frames per second of the video; without it the camera path's, or 30",
+    v("fps", fps,
+      "frames per second of the video, of a glTF file's camera, and of what an inserted object "
+      "does; without it the camera path's, or 30",
       at_least(0.1), at_most(1000), brief("frames per second of the video"));
     v("mp4", mp4, "also writes the colour frames as a video, through ffmpeg", metavar("FILE"),
       brief("also writes a video"));

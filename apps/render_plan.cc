@@ -63,10 +63,15 @@ void level(const Similarity& to_engine, CameraPath& path) {
 // What --views names; a frozen camera's film has a length of its own.
 Views named_views(const RenderCommand& command, const ModelInfo& info, const ModelAnswers& model) {
   const auto kinds = option_names(PathKind{});
-  const auto kind = std::find_if(kinds.begin(), kinds.end(),
-                                 [&](const auto& entry) { return command.views == entry.name; });
-  if (!command.path_transform.empty() && kind != kinds.end())
-    throw Error("--path-transform is for camera path files", "--path-transform", "leave it out");
+  const std::string given = command.path.empty() ? command.views : command.path.string();
+  const auto kind = std::find_if(kinds.begin(), kinds.end(), [&](const auto& entry) {
+    return command.path.empty() && given == entry.name;
+  });
+  for (const auto& [is_given, option] :
+       {std::pair{!command.path_transform.empty(), "--path-transform"},
+        std::pair{!command.path_camera.empty(), "--path-camera"}})
+    if (is_given && kind != kinds.end())
+      throw Error(std::string(option) + " is for camera path files", option, "leave it out");
   Views views;
   views.file = kind == kinds.end();
   views.photos = !views.file && (kind->value == PathKind::kTest || kind->value == PathKind::kTrain);
@@ -79,8 +84,9 @@ Views named_views(const RenderCommand& command, const ModelInfo& info, const Mod
     options.frames = stands ? kDefaultFrames : command.frames.value_or(kDefaultFrames);
     options.density = model.density;
     views.path = make_camera_path(info, kind->value, options);
-  } else if (command.views.ends_with(".json") || fs::exists(command.views)) {
-    views.path = read_camera_path(command.views, info, command.path_transform);
+  } else if (!command.path.empty() || given.ends_with(".json") || fs::exists(given)) {
+    views.path =
+        read_camera_path(given, info, {command.path_transform, command.fps, command.path_camera});
     views.photos = views.path.own_lenses;
   } else {
     std::vector<std::string> names;
@@ -101,6 +107,7 @@ Views find_views(const RenderCommand& command, const ModelInfo& info, const Mode
   } else {
     views = named_views(command, info, model);
     views.path.frames = {numbered_frame(command.freeze_camera, views.path)};
+    views.path.begin = 0;
   }
   const bool stands = !command.freeze_camera.empty();
   if (stands) views.path.frames = film_of(views.path.frames.front(), command.frames, info);
@@ -215,6 +222,8 @@ RenderPlan make_render_plan(const RenderCommand& command, const ModelInfo& info,
     frame.camera = sized(command, view.camera, views.photos);
     frame.camera_to_world = view.camera_to_world;
     frame.time = view.time;
+    frame.seconds = views.path.begin;
+    if (!command.freeze_time) frame.seconds += static_cast<double>(plan.frames.size()) / plan.fps;
     frame.color = unused(picture_file(view.name), used);
     if (stereo) {
       const Eye middle{frame.camera, frame.camera_to_world};

@@ -21,6 +21,7 @@ struct PlannedFrame {
   Camera camera;                // at the size to render; of a stereo picture the left eye's
   Pose camera_to_world;         // input coordinates
   double time = 0;              // [0, 1]
+  double seconds = 0;           // since the film's beginning, of what is inserted
   Appearance appearance;        // empty parts: the model's own
   std::optional<Eye> right;     // of a stereo picture
   std::filesystem::path color;  // files, below the output folder

@@ -77,7 +77,7 @@ void set_times(const RenderCommand& command, const ModelInfo& info, bool moves, 
   for (const auto& [given, option] : {std::pair{command.time.has_value(), "--time"},
                                       std::pair{command.freeze_time.has_value(), "--freeze-time"},
                                       std::pair{!command.freeze_camera.empty(), "--freeze-camera"}})
-    if (given && !moves)
+    if (given && !moves && command.object.insert.empty())
       path.notes.push_back(fmt::format(
           "{} changes nothing of what is seen: the model is of a scene that stands still", option));
   if (!moves) return;

@@ -155,12 +155,16 @@ CameraPath read_pose_list(const PathSource& source) {
 }  // namespace internal
 
 CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& info,
-                            const std::filesystem::path& transform) {
-  if (internal::is_folder(file)) {
-    CameraPath path = internal::read_nerfies_path(file, info);
-    internal::place_path(path, file, transform, info, false);
+                            const PathReading& reading) {
+  const bool folder = internal::is_folder(file);
+  if (folder || internal::is_gltf(file)) {
+    CameraPath path = folder ? internal::read_nerfies_path(file, info)
+                             : internal::read_gltf_path(file, info, reading);
+    internal::place_path(path, file, reading.transform, info, false);
     return path;
   }
+  if (!reading.camera.empty())
+    throw Error("only glTF files hold several cameras", "--path-camera", "leave it out");
   const std::string text = read_text_file(file, internal::kMaxFileBytes);
   const std::string where = file.string();
   const nlohmann::json document = internal::parse_path_json(text, where);
@@ -184,7 +188,7 @@ CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& 
   } else {
     path = parse_camera_path(text, where, file.stem().string());
   }
-  internal::place_path(path, file, transform, info, of_nerfstudio);
+  internal::place_path(path, file, reading.transform, info, of_nerfstudio);
   return path;
 }
 

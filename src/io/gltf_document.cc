@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMostBytes = uint64_t{2} << 30;  // of a file; tinygltf counts in 32 bits
-constexpr const char* kHint = "export the object again";
+constexpr const char* kHint = "export the file again";
 
 std::string one_line(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
@@ -91,14 +91,14 @@ tinygltf::Model load_gltf(const fs::path& path) {
     problem = error.what();
   }
   if (!good)
-    throw Error("cannot read the object: " + one_line(problem.empty() ? "damaged" : problem),
+    throw Error("cannot read the glTF file: " + one_line(problem.empty() ? "damaged" : problem),
                 path.string(), kHint);
   check_document(model, path);
   return model;
 }
 
 GltfNumbers::GltfNumbers(const tinygltf::Model& model, int accessor, const std::string& what,
-                         const fs::path& path) {
+                         const fs::path& path, bool zeros) {
   const auto fail = [&](const std::string& problem) {
     throw Error(what + ": " + problem, path.string(), kHint);
   };
@@ -107,38 +107,86 @@ GltfNumbers::GltfNumbers(const tinygltf::Model& model, int accessor, const std::
   };
   if (!has(model.accessors, accessor)) fail("there is no such accessor");
   const tinygltf::Accessor& a = model.accessors[static_cast<size_t>(accessor)];
-  if (a.sparse.isSparse) fail("sparse accessors are not read");
-  if (!has(model.bufferViews, a.bufferView)) fail("the accessor has no data");
-  const tinygltf::BufferView& view = model.bufferViews[static_cast<size_t>(a.bufferView)];
-  if (!has(model.buffers, view.buffer)) fail("there is no such buffer");
-  const auto& data = model.buffers[static_cast<size_t>(view.buffer)].data;
-  const std::set<int> types{
-      TINYGLTF_COMPONENT_TYPE_BYTE,           TINYGLTF_COMPONENT_TYPE_SHORT,
-      TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE,  TINYGLTF_COMPONENT_TYPE_FLOAT,
-      TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT};
-  if (!types.contains(a.componentType)) fail("numbers of an unknown type");
+  const auto bytes_of = [&](int type) {
+    const std::set<int> types{
+        TINYGLTF_COMPONENT_TYPE_BYTE,           TINYGLTF_COMPONENT_TYPE_SHORT,
+        TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE,  TINYGLTF_COMPONENT_TYPE_FLOAT,
+        TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT};
+    if (!types.contains(type)) fail("numbers of an unknown type");
+    return tinygltf::GetComponentSizeInBytes(static_cast<uint32_t>(type));
+  };
+  const auto elements = [&](int index, size_t offset, size_t element, size_t count) {
+    if (!has(model.bufferViews, index)) fail("the accessor has no data");
+    const tinygltf::BufferView& view = model.bufferViews[static_cast<size_t>(index)];
+    if (!has(model.buffers, view.buffer)) fail("there is no such buffer");
+    const auto& data = model.buffers[static_cast<size_t>(view.buffer)].data;
+    const size_t stride = view.byteStride == 0 ? element : view.byteStride;
+    // Each sum below stays far from what 64 bits hold, since each term is checked against the file.
+    const size_t size = data.size();
+    if (view.byteOffset > size || view.byteLength > size - view.byteOffset)
+      fail("the buffer view ends behind its buffer");
+    if (stride < element) fail("elements overlap");
+    if (offset > view.byteLength || element > view.byteLength - offset ||
+        (count - 1) > (view.byteLength - offset - element) / stride)
+      fail(fmt::format("says {} elements, more than its buffer view holds", count));
+    return Elements{data.data() + view.byteOffset + offset, stride};
+  };
   type_ = a.componentType;
+  bytes_ = bytes_of(type_);
   normalised_ = a.normalized;
-  components_ = a.type == TINYGLTF_TYPE_SCALAR ? 1 : a.type;
-  if (components_ < 1 || components_ > 4) fail("is no list of numbers or vectors");
-  bytes_ = tinygltf::GetComponentSizeInBytes(static_cast<uint32_t>(type_));
+  components_ = a.type == TINYGLTF_TYPE_SCALAR ? 1 : a.type == TINYGLTF_TYPE_MAT4 ? 16 : a.type;
+  if ((components_ < 1 || components_ > 4) && components_ != 16)
+    fail("is no list of numbers, vectors or 4x4 matrices");
   const size_t element = static_cast<size_t>(bytes_ * components_);
-  stride_ = view.byteStride == 0 ? element : view.byteStride;
   count_ = a.count;
-  // Each sum below stays far from what 64 bits hold, since each term is checked against the file.
-  const size_t size = data.size();
-  if (view.byteOffset > size || view.byteLength > size - view.byteOffset)
-    fail("the buffer view ends behind its buffer");
-  if (stride_ < element) fail("elements overlap");
   if (count_ == 0) fail("the accessor is empty");
-  if (a.byteOffset > view.byteLength || element > view.byteLength - a.byteOffset ||
-      (count_ - 1) > (view.byteLength - a.byteOffset - element) / stride_)
-    fail(fmt::format("says {} elements, more than its buffer view holds", count_));
-  data_ = data.data() + view.byteOffset + a.byteOffset;
+  if (!a.sparse.isSparse || a.bufferView >= 0 || !zeros)
+    all_ = elements(a.bufferView, a.byteOffset, element, count_);
+  if (!a.sparse.isSparse) return;
+  const auto offset = [&](int bytes) {
+    if (bytes < 0) fail("a sparse accessor begins before its buffer view");
+    return static_cast<size_t>(bytes);
+  };
+  if (a.sparse.count < 1) fail("a sparse accessor without elements");
+  sparse_count_ = static_cast<size_t>(a.sparse.count);
+  const int type = a.sparse.indices.componentType;
+  sparse_bytes_ = bytes_of(type);
+  if (type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE &&
+      type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT &&
+      type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT)
+    fail("a sparse accessor's indices are no whole numbers");
+  sparse_indices_ = elements(a.sparse.indices.bufferView, offset(a.sparse.indices.byteOffset),
+                             static_cast<size_t>(sparse_bytes_), sparse_count_);
+  sparse_values_ = elements(a.sparse.values.bufferView, offset(a.sparse.values.byteOffset), element,
+                            sparse_count_);
+  for (size_t i = 0; i < sparse_count_; ++i)
+    if (sparse_index(i) >= count_ || (i > 0 && sparse_index(i) <= sparse_index(i - 1)))
+      fail("a sparse accessor's indices do not rise to its last element");
+}
+
+uint32_t GltfNumbers::sparse_index(size_t i) const {
+  uint32_t value = 0;  // little-endian, as the file
+  std::memcpy(&value, sparse_indices_.at(i), static_cast<size_t>(sparse_bytes_));
+  return value;
+}
+
+const unsigned char* GltfNumbers::at(size_t i) const {
+  size_t low = 0, high = sparse_count_;
+  while (low < high) {
+    const size_t middle = (low + high) / 2;
+    if (sparse_index(middle) < i)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  if (low < sparse_count_ && sparse_index(low) == i) return sparse_values_.at(low);
+  return all_.data == nullptr ? nullptr : all_.at(i);
 }
 
 double GltfNumbers::number(size_t i, int component) const {
-  const unsigned char* at = data_ + i * stride_ + static_cast<size_t>(component * bytes_);
+  const unsigned char* at = this->at(i);
+  if (at == nullptr) return 0;
+  at += component * bytes_;
   const auto as = [&]<class T>(T value, double full) {
     std::memcpy(&value, at, sizeof(T));
     if (!normalised_) return static_cast<double>(value);
@@ -163,10 +211,10 @@ double GltfNumbers::number(size_t i, int component) const {
   return double{value};
 }
 
-uint32_t GltfNumbers::index(size_t i) const {
-  const unsigned char* at = data_ + i * stride_;
+uint32_t GltfNumbers::index(size_t i, int component) const {
+  const unsigned char* at = this->at(i);
   uint32_t value = 0;  // little-endian, as the file
-  std::memcpy(&value, at, static_cast<size_t>(bytes_));
+  if (at != nullptr) std::memcpy(&value, at + component * bytes_, static_cast<size_t>(bytes_));
   return value;
 }
 

@@ -8,61 +8,43 @@
 
 #include "colmap.h"
 #include "gltf_document.h"
-#include "image_decode.h"
+#include "gltf_materials.h"
+#include "gltf_shape.h"
 #include "nerf/base/error.h"
 #include "nerf/io/object_file.h"
-#include "nerf/math/camera_paths.h"
 
 namespace nerf {
 
 namespace {
 
 namespace fs = std::filesystem;
+using internal::GltfNodes;
 using internal::GltfNumbers;
-using internal::printable;
+using internal::ObjectShape;
 
 constexpr size_t kMostTriangles = 50'000'000;
 constexpr const char* kHint = "export the object again";
 
-// x -> linear * x + offset.
-struct Transform {
-  Mat3d linear;
-  Vec3d offset;
-  Transform operator*(const Transform& first) const {
-    return {linear * first.linear, linear * first.offset + offset};
-  }
-  Vec3d operator*(const Vec3d& x) const { return linear * x + offset; }
-  // Of normals: rows are cross products of the columns, the inverse's transpose times a number.
-  Mat3d of_normals() const {
-    const Vec3d a = linear.column(0), b = linear.column(1), c = linear.column(2);
-    Mat3d m;
-    m.set_column(0, cross(b, c));
-    m.set_column(1, cross(c, a));
-    m.set_column(2, cross(a, b));
-    return m;
-  }
-  bool mirrors() const {
-    return dot(linear.column(0), cross(linear.column(1), linear.column(2))) < 0;
-  }
-};
-
 class ObjectReader {
  public:
-  explicit ObjectReader(const fs::path& path) : path_(path), model_(internal::load_gltf(path)) {}
+  explicit ObjectReader(const fs::path& path)
+      : path_(path),
+        model_(internal::load_gltf(path)),
+        shape_(std::make_unique<ObjectShape>(GltfNodes(model_, path), path)) {}
 
-  ReadObject read() {
-    materials();
-    for (const int root : roots()) add_tree(root);
+  ReadObject read(const std::string& animation) {
     SceneObject& o = out_.object;
-    if (o.mesh.triangles.empty())
-      fail(degenerate_ > 0 ? "all triangles are degenerate: they have no area"
-                           : "there are no triangles in it",
-           "export a mesh");
-    if (degenerate_ > 0) note(fmt::format("{} triangles without an area left out", degenerate_));
-    if (!model_.animations.empty()) note("animations are not played");
-    if (!model_.skins.empty()) note("skins are not applied");
+    internal::read_gltf_materials(model_, path_, o, out_.notes);
+    skins();
+    for (const size_t node : shape_->nodes.shown())
+      if (model_.nodes[node].mesh >= 0) add_mesh(node);
     if (no_uv_) o.uv = {};
     if (no_colours_) o.colours.clear();
+    o.mesh.normals.resize(o.mesh.positions.size());
+    const bool moves = choose_animation(animation);
+    shape_->pose(moves ? std::optional(0.0) : std::nullopt, o.mesh);
+    drop_degenerate(moves);
+    if (moves) out_.motion = std::make_unique<ObjectMotion>(std::move(shape_));
     return std::move(out_);
   }
 
@@ -72,94 +54,115 @@ class ObjectReader {
   }
   void note(const std::string& text) { out_.notes.push_back(path_.string() + ": " + text); }
 
-  std::vector<int> roots() const {
-    if (model_.scenes.empty()) {
-      // Nodes that are no node's child.
-      std::vector<char> child(model_.nodes.size());
-      for (const auto& node : model_.nodes)
-        for (const int c : node.children)
-          if (c >= 0 && static_cast<size_t>(c) < child.size()) child[static_cast<size_t>(c)] = 1;
-      std::vector<int> found;
-      for (size_t i = 0; i < child.size(); ++i)
-        if (!child[i]) found.push_back(static_cast<int>(i));
-      return found;
+  // Whether anything of the object moves.
+  bool choose_animation(const std::string& name) {
+    if (model_.animations.empty() && name.empty()) return false;
+    internal::GltfAnimation::Choice choice{shape_->carrying_nodes(), {}, name};
+    for (const tinygltf::Node& node : model_.nodes) {
+      const auto mesh = static_cast<size_t>(node.mesh);
+      const bool some = mesh < model_.meshes.size() && !model_.meshes[mesh].primitives.empty();
+      choice.morph_targets.push_back(some ? model_.meshes[mesh].primitives[0].targets.size() : 0);
     }
-    const int scene = model_.defaultScene < 0 ? 0 : model_.defaultScene;
-    if (static_cast<size_t>(scene) >= model_.scenes.size())
-      fail(fmt::format("there is no scene {}", scene));
-    return model_.scenes[static_cast<size_t>(scene)].nodes;
+    internal::GltfAnimation animation(model_, shape_->nodes, choice, path_);
+    if (!animation.others().empty())
+      note("does not play the animations " + internal::name_list(animation.others()) +
+           " (--object-animation NAME plays another)");
+    if (animation.empty()) {
+      note("its animations move nothing of the object");
+      return false;
+    }
+    shape_->animation = std::move(animation);
+    return true;
   }
 
-  // A node and all below it, without recursion: files may be as deep as they like.
-  void add_tree(int root) {
-    struct Waiting {
-      int node;
-      Transform to_world;
+  // Of one that moves triangles without an area may get one.
+  void drop_degenerate(bool moves) {
+    SceneObject& o = out_.object;
+    size_t kept = 0, in_file = 0;
+    const auto area = [&](const TriangleMesh::Triangle& t, const auto& at) {
+      return length(cross(at(t[1]) - at(t[0]), at(t[2]) - at(t[0])));
     };
-    std::vector<Waiting> waiting{{root, {}}};
-    visited_.resize(model_.nodes.size());
-    while (!waiting.empty()) {
-      const Waiting next = waiting.back();
-      waiting.pop_back();
-      if (next.node < 0 || static_cast<size_t>(next.node) >= model_.nodes.size())
-        fail(fmt::format("there is no node {}", next.node));
-      const size_t i = static_cast<size_t>(next.node);
-      if (visited_[i]) fail(fmt::format("node {} is reached twice: nodes are no tree", i));
-      visited_[i] = 1;
-      const tinygltf::Node& node = model_.nodes[i];
-      const Transform to_world = next.to_world * transform_of(node, i);
-      if (node.mesh >= 0) add_mesh(node.mesh, to_world);
-      for (const int child : node.children) waiting.push_back({child, to_world});
-    }
-  }
-
-  Transform transform_of(const tinygltf::Node& node, size_t index) const {
-    const auto numbers = [&](const std::vector<double>& given, size_t n,
-                             std::vector<double> otherwise) {
-      if (given.empty()) return otherwise;
-      bool good = given.size() == n;
-      for (const double x : given) good = good && std::isfinite(x) && std::fabs(x) < 1e12;
-      if (!good) fail(fmt::format("node {} has a transform that is none", index));
-      return given;
-    };
-    Transform t;
-    if (!node.matrix.empty()) {
-      const auto m = numbers(node.matrix, 16, {});
-      for (int c = 0; c < 3; ++c) {
-        const size_t at = static_cast<size_t>(4 * c);
-        t.linear.set_column(c, {m[at], m[at + 1], m[at + 2]});
+    for (const internal::ObjectPart& part : shape_->parts)
+      for (size_t i = part.first_triangle; i < part.first_triangle + part.triangles; ++i) {
+        const TriangleMesh::Triangle t = o.mesh.triangles[i];
+        const bool good =
+            moves
+                ? area(t,
+                       [&](uint32_t v) {
+                         return part.positions[v - part.first_vertex].template cast<double>();
+                       }) > 0
+                : area(t, [&](uint32_t v) { return o.mesh.positions[v].template cast<double>(); }) >
+                      0;
+        in_file += !good;
+        if (!good && !moves) continue;
+        o.mesh.triangles[kept] = t;
+        o.material[kept++] = o.material[i];
       }
-      t.offset = {m[12], m[13], m[14]};
-      return t;
-    }
-    const auto move = numbers(node.translation, 3, {0, 0, 0});
-    const auto turn = numbers(node.rotation, 4, {0, 0, 0, 1});
-    const auto scale = numbers(node.scale, 3, {1, 1, 1});
-    const double norm =
-        std::sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]);
-    if (!(norm > 0)) fail(fmt::format("node {} has a rotation that is none", index));
-    t.linear = to_rotation({turn[3] / norm, turn[0] / norm, turn[1] / norm, turn[2] / norm});
-    for (int c = 0; c < 3; ++c)
-      t.linear.set_column(c, t.linear.column(c) * scale[static_cast<size_t>(c)]);
-    t.offset = {move[0], move[1], move[2]};
-    return t;
+    if (kept == 0 || in_file == o.mesh.triangles.size())
+      fail(in_file > 0 ? "all triangles are degenerate: they have no area"
+                       : "there are no triangles in it",
+           "export a mesh");
+    if (kept < o.mesh.triangles.size())
+      note(fmt::format("{} triangles without an area left out", o.mesh.triangles.size() - kept));
+    o.mesh.triangles.resize(kept);
+    o.material.resize(kept);
   }
 
-  void add_mesh(int index, const Transform& to_world) {
+  void skins() {
+    for (size_t i = 0; i < model_.skins.size(); ++i) {
+      const tinygltf::Skin& given = model_.skins[i];
+      const std::string what = fmt::format("skin {}", i);
+      internal::ObjectSkin skin;
+      for (const int joint : given.joints) {
+        if (joint < 0 || static_cast<size_t>(joint) >= model_.nodes.size())
+          fail(fmt::format("{}: joint {} is no node", what, joint));
+        skin.joints.push_back(static_cast<size_t>(joint));
+      }
+      skin.inverse_bind.resize(skin.joints.size());  // without an accessor they are none
+      if (given.inverseBindMatrices >= 0) {
+        const std::string use = what + ", inverseBindMatrices";
+        const GltfNumbers numbers(model_, given.inverseBindMatrices, use, path_);
+        if (numbers.components() != 16 || numbers.integers()) fail(use + ": are no 4x4 matrices");
+        if (numbers.count() < skin.joints.size())
+          fail(fmt::format("{}: {} matrices for {} joints", use, numbers.count(),
+                           skin.joints.size()));
+        for (size_t j = 0; j < skin.joints.size(); ++j) {
+          for (int k = 0; k < 16; ++k)
+            if (!(std::fabs(numbers.number(j, k)) < 1e12))
+              fail(fmt::format("{}: matrix {} is not finite", use, j));
+          skin.inverse_bind[j] = internal::gltf_matrix([&](int k) { return numbers.number(j, k); });
+        }
+      }
+      shape_->skins.push_back(std::move(skin));
+    }
+  }
+
+  void add_mesh(size_t node) {
+    const int index = model_.nodes[node].mesh;
     if (static_cast<size_t>(index) >= model_.meshes.size())
       fail(fmt::format("there is no mesh {}", index));
     const tinygltf::Mesh& mesh = model_.meshes[static_cast<size_t>(index)];
-    for (size_t p = 0; p < mesh.primitives.size(); ++p)
-      add_primitive(mesh.primitives[p], fmt::format("mesh {}, primitive {}", index, p), to_world);
+    for (size_t p = 0; p < mesh.primitives.size(); ++p) {
+      internal::ObjectPart part;
+      part.what = fmt::format("mesh {}, primitive {}", index, p);
+      part.node = node;
+      part.weights = mesh.weights;
+      for (const double w : part.weights)
+        if (!(std::fabs(w) < 1e12)) fail(fmt::format("mesh {}: a weight is not finite", index));
+      if (mesh.primitives[p].targets.size() != mesh.primitives[0].targets.size())
+        fail(part.what + ": has another number of morph targets than primitive 0");
+      add_primitive(mesh.primitives[p], part);
+    }
   }
 
-  std::optional<GltfNumbers> attribute(const tinygltf::Primitive& primitive, const char* name,
-                                       const std::string& what, int least, int most,
-                                       size_t count) const {
-    const auto found = primitive.attributes.find(name);
-    if (found == primitive.attributes.end()) return std::nullopt;
+  // zeros: as GltfNumbers.
+  std::optional<GltfNumbers> attribute(const std::map<std::string, int>& attributes,
+                                       const std::string& name, const std::string& what, int least,
+                                       int most, size_t count, bool zeros = false) const {
+    const auto found = attributes.find(name);
+    if (found == attributes.end()) return std::nullopt;
     const std::string use = what + ", " + name;
-    GltfNumbers numbers(model_, found->second, use, path_);
+    GltfNumbers numbers(model_, found->second, use, path_, zeros);
     if (numbers.components() < least || numbers.components() > most)
       fail(fmt::format("{}: {} components", use, numbers.components()));
     if (count > 0 && numbers.count() != count)
@@ -167,36 +170,34 @@ class ObjectReader {
     return numbers;
   }
 
-  void add_primitive(const tinygltf::Primitive& primitive, const std::string& what,
-                     const Transform& to_world) {
+  void add_primitive(const tinygltf::Primitive& primitive, internal::ObjectPart& part) {
     const int mode = primitive.mode < 0 ? TINYGLTF_MODE_TRIANGLES : primitive.mode;
     if (mode < TINYGLTF_MODE_TRIANGLES) return;  // points and lines
-    const auto positions = attribute(primitive, "POSITION", what, 3, 3, 0);
+    const std::string& what = part.what;
+    const auto& own = primitive.attributes;
+    const auto positions = attribute(own, "POSITION", what, 3, 3, 0);
     if (!positions) return;
     SceneObject& o = out_.object;
     const size_t first = o.mesh.positions.size(), n = positions->count();
     if (first + n > 3 * kMostTriangles) fail("more vertices than an object can have here");
+    part.first_vertex = first;
+    o.mesh.positions.resize(first + n);
+    const auto normals = attribute(own, "NORMAL", what, 3, 3, n);
     for (size_t i = 0; i < n; ++i) {
-      const Vec3d p = to_world * vector_of(*positions, i);
-      if (!(length(p) < 1e15)) fail(fmt::format("{}: position {} is not finite", what, i));
-      o.mesh.positions.push_back(p.cast<Real>());
+      part.positions.push_back(positions->vector(i).cast<Real>());
+      part.normals.push_back(normals ? normals->vector(i).cast<Real>() : Vec3());
     }
-    const auto normals = attribute(primitive, "NORMAL", what, 3, 3, n);
-    const Mat3d turn = to_world.of_normals();
-    const double side = to_world.mirrors() ? -1 : 1;
-    for (size_t i = 0; i < n; ++i) {
-      const Vec3d v = normals ? turn * vector_of(*normals, i) * side : Vec3d();
-      o.mesh.normals.push_back(std::isfinite(length(v)) ? normalized(v).cast<Real>() : Vec3());
-    }
+    add_targets(primitive, part);
+    add_influences(primitive, part);
     for (size_t set = 0; set < 2; ++set) {
-      const auto uv = attribute(primitive, set == 0 ? "TEXCOORD_0" : "TEXCOORD_1", what, 2, 2, n);
+      const auto uv = attribute(own, set == 0 ? "TEXCOORD_0" : "TEXCOORD_1", what, 2, 2, n);
       no_uv_ = no_uv_ && !uv;
       for (size_t i = 0; i < n; ++i)
         o.uv[set].push_back(
             uv ? Vec2{static_cast<Real>(uv->number(i, 0)), static_cast<Real>(uv->number(i, 1))}
                : Vec2{});
     }
-    const auto colours = attribute(primitive, "COLOR_0", what, 3, 4, n);
+    const auto colours = attribute(own, "COLOR_0", what, 3, 4, n);
     no_colours_ = no_colours_ && !colours;
     for (size_t i = 0; i < n; ++i) {
       std::array<Real, 4> c{1, 1, 1, 1};
@@ -208,15 +209,74 @@ class ObjectReader {
         primitive.material < 0 ? static_cast<int>(model_.materials.size()) : primitive.material;
     if (static_cast<size_t>(material) >= o.materials.size())
       fail(fmt::format("{}: there is no material {}", what, material));
-    add_triangles(primitive, mode, what, first, n, material, to_world.mirrors());
+    part.first_triangle = o.mesh.triangles.size();
+    add_triangles(primitive, mode, what, first, n, material);
+    part.triangles = o.mesh.triangles.size() - part.first_triangle;
+    shape_->parts.push_back(std::move(part));
   }
 
-  static Vec3d vector_of(const GltfNumbers& numbers, size_t i) {
-    return {numbers.number(i, 0), numbers.number(i, 1), numbers.number(i, 2)};
+  void add_targets(const tinygltf::Primitive& primitive, internal::ObjectPart& part) const {
+    const size_t n = part.positions.size();
+    for (size_t k = 0; k < primitive.targets.size(); ++k) {
+      const std::string what = fmt::format("{}, target {}", part.what, k);
+      const auto positions = attribute(primitive.targets[k], "POSITION", what, 3, 3, n, true);
+      const auto normals = attribute(primitive.targets[k], "NORMAL", what, 3, 3, n, true);
+      internal::MorphTarget target;
+      for (size_t i = 0; i < n; ++i) {
+        const Vec3d p = positions ? positions->vector(i) : Vec3d();
+        const Vec3d v = normals ? normals->vector(i) : Vec3d();
+        if (p != Vec3d() || v != Vec3d())
+          target.moves.push_back({static_cast<uint32_t>(i), p.cast<Real>(), v.cast<Real>()});
+      }
+      part.targets.push_back(std::move(target));
+    }
+  }
+
+  void add_influences(const tinygltf::Primitive& primitive, internal::ObjectPart& part) const {
+    const int skin = model_.nodes[part.node].skin;
+    if (skin < 0 || !primitive.attributes.contains("JOINTS_0")) return;
+    if (static_cast<size_t>(skin) >= shape_->skins.size())
+      fail(fmt::format("node {}: there is no skin {}", part.node, skin));
+    const size_t n = part.positions.size();
+    std::vector<GltfNumbers> joints, weights;  // four in each
+    for (int set = 0; set < 4; ++set) {
+      const auto name = [&](const char* kind) { return fmt::format("{}_{}", kind, set); };
+      auto j = attribute(primitive.attributes, name("JOINTS"), part.what, 4, 4, n);
+      if (!j) break;
+      auto w = attribute(primitive.attributes, name("WEIGHTS"), part.what, 4, 4, n);
+      if (!w) fail(part.what + ": there are " + name("JOINTS") + " and no " + name("WEIGHTS"));
+      if (!j->integers()) fail(part.what + ", " + name("JOINTS") + ": are no whole numbers");
+      joints.push_back(*j);
+      weights.push_back(*w);
+    }
+    part.skin = skin;
+    const size_t known = shape_->skins[static_cast<size_t>(skin)].joints.size();
+    for (size_t i = 0; i < n; ++i) {
+      double sum = 0;
+      for (const GltfNumbers& set : weights)
+        for (int k = 0; k < 4; ++k) {
+          const double w = set.number(i, k);
+          if (!(w >= 0 && w < 1e12))
+            fail(fmt::format("{}: vertex {} has a weight of {:g}", part.what, i, w));
+          sum += w;
+        }
+      if (!(sum > 0))
+        fail(fmt::format("{}: vertex {} has no joint: its weights are all zero", part.what, i),
+             "let the weights of each vertex sum to 1 (Blender: Weights > Normalize All)");
+      for (size_t set = 0; set < joints.size(); ++set)
+        for (int k = 0; k < 4; ++k) {
+          const double w = weights[set].number(i, k) / sum;
+          const uint32_t joint = joints[set].index(i, k);
+          if (w > 0 && joint >= known)
+            fail(fmt::format("{}: vertex {} hangs on joint {}, and skin {} has {}", part.what, i,
+                             joint, skin, known));
+          part.influences.push_back({w > 0 ? joint : 0, static_cast<float>(w)});
+        }
+    }
   }
 
   void add_triangles(const tinygltf::Primitive& primitive, int mode, const std::string& what,
-                     size_t first, size_t vertices, int material, bool mirrored) {
+                     size_t first, size_t vertices, int material) {
     std::optional<GltfNumbers> indices;
     if (primitive.indices >= 0) {
       indices.emplace(model_, primitive.indices, what + ", indices", path_);
@@ -231,12 +291,6 @@ class ObjectReader {
     };
     SceneObject& o = out_.object;
     const auto add = [&](uint32_t a, uint32_t b, uint32_t c) {
-      if (mirrored) std::swap(b, c);
-      const auto at = [&](uint32_t v) { return o.mesh.positions[v].cast<double>(); };
-      if (!(length(cross(at(b) - at(a), at(c) - at(a))) > 0)) {
-        ++degenerate_;
-        return;
-      }
       if (o.mesh.triangles.size() >= kMostTriangles)
         fail("more triangles than an object can have here");
       o.mesh.triangles.push_back({a, b, c});
@@ -257,113 +311,23 @@ class ObjectReader {
     }
   }
 
-  void materials() {
-    for (const tinygltf::Material& given : model_.materials) {
-      Material m;
-      const auto& pbr = given.pbrMetallicRoughness;
-      m.base = vector_of(pbr.baseColorFactor, {1, 1, 1});
-      if (pbr.baseColorFactor.size() == 4) m.alpha = pbr.baseColorFactor[3];
-      m.base_texture = texture(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord, true);
-      m.metallic = pbr.metallicFactor;
-      m.roughness = pbr.roughnessFactor;
-      m.metallic_roughness_texture =
-          texture(pbr.metallicRoughnessTexture.index, pbr.metallicRoughnessTexture.texCoord, false);
-      m.emissive = vector_of(given.emissiveFactor, {0, 0, 0});
-      const auto strength = given.extensions.find("KHR_materials_emissive_strength");
-      if (strength != given.extensions.end() && strength->second.IsObject() &&
-          strength->second.Has("emissiveStrength"))
-        m.emissive = m.emissive * strength->second.Get("emissiveStrength").GetNumberAsDouble();
-      m.emissive_texture =
-          texture(given.emissiveTexture.index, given.emissiveTexture.texCoord, true);
-      m.alpha_mode = given.alphaMode == "BLEND"  ? AlphaMode::kBlend
-                     : given.alphaMode == "MASK" ? AlphaMode::kMask
-                                                 : AlphaMode::kOpaque;
-      m.alpha_cutoff = given.alphaCutoff;
-      m.double_sided = given.doubleSided;
-      m.unlit = given.extensions.contains("KHR_materials_unlit");
-      for (const double x : {m.base.x, m.base.y, m.base.z, m.alpha, m.metallic, m.roughness,
-                             m.emissive.x, m.emissive.y, m.emissive.z, m.alpha_cutoff})
-        if (!(std::fabs(x) < 1e9)) fail("a material's number is not finite");
-      if (given.normalTexture.index >= 0) note_once("normal maps are not used");
-      out_.object.materials.push_back(m);
-    }
-    out_.object.materials.emplace_back();  // of primitives without one
-  }
-
-  void note_once(const std::string& text) {
-    const std::string whole = path_.string() + ": " + text;
-    if (std::ranges::find(out_.notes, whole) == out_.notes.end()) out_.notes.push_back(whole);
-  }
-
-  static Vec3d vector_of(const std::vector<double>& v, const Vec3d& otherwise) {
-    return v.size() < 3 ? otherwise : Vec3d{v[0], v[1], v[2]};
-  }
-
-  TextureUse texture(int index, int uv, bool srgb) {
-    if (index < 0) return {};
-    if (static_cast<size_t>(index) >= model_.textures.size())
-      fail(fmt::format("there is no texture {}", index));
-    if (uv < 0 || uv > 1) fail(fmt::format("texture {} takes coordinates {}", index, uv));
-    const auto key = std::pair{index, srgb};
-    const auto known = textures_.find(key);
-    if (known != textures_.end()) return {known->second, uv};
-    const tinygltf::Texture& given = model_.textures[static_cast<size_t>(index)];
-    Texture t = decoded(given.source, fmt::format("texture {}", index));
-    t.srgb = srgb;
-    if (given.sampler >= 0 && static_cast<size_t>(given.sampler) < model_.samplers.size()) {
-      const tinygltf::Sampler& sampler = model_.samplers[static_cast<size_t>(given.sampler)];
-      const auto wrap = [](int w) {
-        return w == TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE     ? TextureWrap::kClamp
-               : w == TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT ? TextureWrap::kMirror
-                                                            : TextureWrap::kRepeat;
-      };
-      t.wrap_x = wrap(sampler.wrapS);
-      t.wrap_y = wrap(sampler.wrapT);
-      t.nearest = sampler.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST;
-    }
-    out_.object.textures.push_back(std::move(t));
-    const int place = static_cast<int>(out_.object.textures.size()) - 1;
-    textures_[key] = place;
-    return {place, uv};
-  }
-
-  Texture decoded(int image, const std::string& what) const {
-    if (image < 0 || static_cast<size_t>(image) >= model_.images.size())
-      fail(what + ": there is no such image", "use PNG or JPEG textures");
-    const tinygltf::Image& given = model_.images[static_cast<size_t>(image)];
-    const std::string name =
-        fmt::format("{}: {}, image {} {}", path_.string(), what, image, printable(given.uri));
-    if (given.image.empty()) throw Error("the texture's picture is missing", name, kHint);
-    const internal::StoredImage stored = internal::decode_image(given.image, name);
-    Texture t;
-    t.width = stored.width;
-    t.height = stored.height;
-    const size_t pixels = static_cast<size_t>(t.width) * static_cast<size_t>(t.height);
-    const size_t c = static_cast<size_t>(stored.channels);
-    t.pixels.resize(4 * pixels);
-    for (size_t i = 0; i < pixels; ++i)
-      for (size_t k = 0; k < 4; ++k) {
-        const size_t grey = std::min(k, c < 3 ? size_t{0} : size_t{2});
-        const float value = k < 3                ? stored.sample(i * c + grey)
-                            : stored.has_alpha() ? stored.sample(i * c + c - 1)
-                                                 : 1.0f;
-        t.pixels[4 * i + k] =
-            static_cast<uint8_t>(std::lround(std::clamp(value, 0.0f, 1.0f) * 255));
-      }
-    return t;
-  }
-
   fs::path path_;
   tinygltf::Model model_;
   ReadObject out_;
-  std::vector<char> visited_;
-  std::map<std::pair<int, bool>, int> textures_;  // by glTF's index and whether it holds colours
-  size_t degenerate_ = 0;
+  std::unique_ptr<ObjectShape> shape_;
   bool no_uv_ = true, no_colours_ = true;
 };
 
 }  // namespace
 
-ReadObject read_object(const fs::path& path) { return ObjectReader(path).read(); }
+ReadObject read_object(const fs::path& path, const std::string& animation) {
+  return ObjectReader(path).read(animation);
+}
+
+ObjectMotion::ObjectMotion(std::unique_ptr<ObjectShape> shape) : shape_(std::move(shape)) {}
+ObjectMotion::~ObjectMotion() = default;
+double ObjectMotion::first() const { return shape_->animation->first(); }
+double ObjectMotion::last() const { return shape_->animation->last(); }
+void ObjectMotion::pose(double seconds, TriangleMesh& mesh) { shape_->pose(seconds, mesh); }
 
 }  // namespace nerf

@@ -147,7 +147,7 @@ void place(const Pose& pose, tinygltf::Node& node) {
   node.rotation = numbers_of(to_quaternion(pose.rotation));
 }
 
-tinygltf::Value lens_of(const Camera& camera) {
+tinygltf::Value::Object lens_of(const Camera& camera) {
   tinygltf::Value::Object extras;
   extras["model"] = tinygltf::Value(std::string(camera_model_name(camera.model)));
   extras["width"] = tinygltf::Value(camera.width);
@@ -156,7 +156,7 @@ tinygltf::Value lens_of(const Camera& camera) {
   for (int i = 0; i < camera_model_params(camera.model); ++i)
     params.emplace_back(camera.params[static_cast<size_t>(i)]);
   extras["params"] = tinygltf::Value(std::move(params));
-  return tinygltf::Value(std::move(extras));
+  return extras;
 }
 
 int add_camera(const std::string& name, const Camera& camera, double near, GlbWriter& writer) {
@@ -189,7 +189,9 @@ void add_path(const CameraPath& path, const Similarity& input_to_gltf, double ne
   node.name = "path";
   place(poses.front(), node);
   node.camera = add_camera("path", first.camera, near, writer);
-  node.extras = lens_of(first.camera);
+  auto extras = lens_of(first.camera);
+  extras["fps"] = tinygltf::Value(path.fps);
+  node.extras = tinygltf::Value(std::move(extras));
   const int index = writer.add_node(node);
   const size_t n = poses.size();
   const int times = writer.add_floats(n, 1, TINYGLTF_TYPE_SCALAR, 0, [&](size_t i, int) {
@@ -294,7 +296,7 @@ std::vector<std::string> write_glb_cameras(const std::filesystem::path& path, co
     tinygltf::Node node;
     node.name = view.name;
     place(gltf_pose(view.pose, input_to_gltf), node);
-    node.extras = lens_of(view.camera);
+    node.extras = tinygltf::Value(lens_of(view.camera));
     bent += camera_model_params(view.camera.model) > 4;
     if (is_panorama(view.camera))
       ++panoramas;

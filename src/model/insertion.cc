@@ -75,16 +75,22 @@ struct Insertion::Impl {
   Vec3d centre;
   double radius = 0;
   Environment around;
-  Vec3 sky;                    // sRGB, behind the field where it is mirrored
-  std::vector<Real> openness;  // of each vertex
+  Vec3 sky;                     // sRGB, behind the field where it is mirrored
+  std::vector<Real> openness;   // of each vertex
+  std::vector<Vec3> open_mesh;  // positions that it was found for, where it moves
 
   Impl(const RadianceField& field, SceneObject given, const InsertionOptions& insertion,
        const RenderOptions& render, ThreadPool& pool)
-      : field(field),
-        object(std::move(given)),
-        options(insertion),
-        bvh(object.mesh.positions, object.mesh.triangles) {
-    if (bvh.empty()) throw Error("the object has no triangle with an area", "--insert");
+      : field(field), object(std::move(given)), options(insertion) {
+    stand(render, pool);
+    if (bvh.empty() && !options.moves)
+      throw Error("the object has no triangle with an area", "--insert");
+  }
+
+  // Where its mesh is now.
+  void stand(const RenderOptions& render, ThreadPool& pool) {
+    bvh = TriangleBvh(object.mesh.positions, object.mesh.triangles);
+    if (bvh.empty()) return;
     centre = bvh.box().center();
     radius = 0.5 * length(bvh.box().size());
     RenderOptions looking = render;
@@ -94,7 +100,9 @@ struct Insertion::Impl {
     const Vec3d size = bvh.box().size();
     const double near = 0.45 * std::min({size.x, size.y, size.z});
     if (options.field_light) around = internal::environment_of(field, centre, near, looking, pool);
+    if (internal::same_shape(open_mesh, object.mesh.positions)) return;
     openness = internal::vertex_openness(object, bvh, radius, pool);
+    if (options.moves) open_mesh = object.mesh.positions;
   }
 
   double open_at(const TriangleHit& hit) const {
@@ -298,6 +306,14 @@ Insertion::Insertion(const RadianceField& field, SceneObject object,
     : impl_(std::make_unique<Impl>(field, std::move(object), insertion, options, pool)) {}
 Insertion::~Insertion() = default;
 
+void Insertion::move(TriangleMesh mesh, const RenderOptions& options, ThreadPool& pool) {
+  NERF_CHECK(mesh.positions.size() == impl_->object.mesh.positions.size());
+  NERF_CHECK(mesh.normals.size() == impl_->object.mesh.normals.size());
+  NERF_CHECK(mesh.triangles.size() == impl_->object.mesh.triangles.size());
+  impl_->object.mesh = std::move(mesh);
+  impl_->stand(options, pool);
+}
+
 ObjectPixels Insertion::look(const Camera& camera, const Pose& camera_to_engine,
                              const RenderOptions& options, ThreadPool& pool,
                              const Cancel* cancel) const {
@@ -330,7 +346,7 @@ void Insertion::finish(const ObjectPixels& pixels, const Camera& camera,
                        Frame& frame) const {
   const Impl& own = *impl_;
   const double unit = own.field.info().to_engine.scale;  // engine units of an input unit
-  if (own.options.shadows) {
+  if (own.options.shadows && !own.bvh.empty()) {
     const internal::ShadowCaster caster{own.object,
                                         own.bvh,
                                         own.centre,
@@ -357,9 +373,9 @@ void Insertion::finish(const ObjectPixels& pixels, const Camera& camera,
   }
 }
 
-void place_object(const Similarity& to_engine, SceneObject& object) {
-  for (Vec3& p : object.mesh.positions) p = to_engine.apply(p.cast<double>()).cast<Real>();
-  for (Vec3& n : object.mesh.normals) n = (to_engine.rotation * n.cast<double>()).cast<Real>();
+void place_mesh(const Similarity& to_engine, TriangleMesh& mesh) {
+  for (Vec3& p : mesh.positions) p = to_engine.apply(p.cast<double>()).cast<Real>();
+  for (Vec3& n : mesh.normals) n = (to_engine.rotation * n.cast<double>()).cast<Real>();
 }
 
 }  // namespace nerf

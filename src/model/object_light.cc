@@ -178,6 +178,26 @@ double transmitted(const SceneObject& object, const TriangleBvh& bvh, const Vec3
   return light;
 }
 
+// Distances from four points tell.
+bool same_shape(std::span<const Vec3> a, std::span<const Vec3> b) {
+  const size_t n = a.size();
+  if (n == 0 || b.size() != n) return false;
+  const auto distance = [](std::span<const Vec3> p, size_t i, size_t j) {
+    return length(p[i].cast<double>() - p[j].cast<double>());
+  };
+  double from = 0, to = 0;
+  for (size_t i = 0; i < n; ++i) {
+    from += distance(a, i, 0);
+    to += distance(b, i, 0);
+  }
+  if (!(from > 0) || !(to > 0)) return false;
+  const double scale = to / from, tolerance = 1e-3 * to / static_cast<double>(n);
+  for (const size_t j : {size_t{0}, n / 3, 2 * n / 3, n - 1})
+    for (size_t i = 0; i < n; ++i)
+      if (!(std::fabs(distance(b, i, j) - scale * distance(a, i, j)) <= tolerance)) return false;
+  return true;
+}
+
 std::vector<Real> vertex_openness(const SceneObject& object, const TriangleBvh& bvh, double size,
                                   ThreadPool& pool) {
   constexpr size_t kMostRays = 3'000'000;

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "nerf/base/cancel.h"
@@ -64,5 +65,8 @@ double transmitted(const SceneObject& object, const TriangleBvh& bvh, const Vec3
 // The share of the sky above each vertex that the object itself leaves free, by cosine.
 std::vector<Real> vertex_openness(const SceneObject& object, const TriangleBvh& bvh, double size,
                                   ThreadPool& pool);
+
+// Whether b is a moved, turned and scaled, to a thousandth of its size.
+bool same_shape(std::span<const Vec3> a, std::span<const Vec3> b);
 
 }  // namespace nerf::internal

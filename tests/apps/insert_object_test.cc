@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "geometry/shapes.h"
+#include "io/some_gltf.h"
 #include "model/analytic_field.h"
 #include "model/homogeneous_field.h"
 #include "nerf/io/mesh_file.h"
@@ -37,6 +38,7 @@ TEST(InsertOptions, CombinationsAreChecked) {
   };
   EXPECT_EQ(problem([](InsertOptions&) {}), "");
   EXPECT_TRUE(test::contains(problem([](auto& o) { o.scale = 2; }), "--insert"));
+  EXPECT_TRUE(test::contains(problem([](auto& o) { o.object_start = 2; }), "--insert"));
   EXPECT_TRUE(test::contains(problem([](auto& o) {
                                o.insert = "a.glb";
                                o.at = Vec3d{};
@@ -53,6 +55,15 @@ TEST(InsertOptions, CombinationsAreChecked) {
                                o.field_light = false;
                              }),
                              "--light"));
+}
+
+TEST(PlayedTime, GoesRoundBetweenTheKeysOrStaysAtTheLast) {
+  EXPECT_EQ(played_time(0.5, 1, 3, true), 0.5);  // before the first key
+  EXPECT_EQ(played_time(3, 1, 3, true), 3);
+  EXPECT_EQ(played_time(3.5, 1, 3, true), 1.5);
+  EXPECT_EQ(played_time(8, 1, 3, true), 2);
+  EXPECT_EQ(played_time(8, 1, 3, false), 3);
+  EXPECT_EQ(played_time(8, 2, 2, true), 2);
 }
 
 // A floor at engine z = -0.2 that a camera looks down on.
@@ -101,6 +112,51 @@ TEST(ObjectToInput, StandsUprightWhereItIsPut) {
   straight.rotate = {};
   const Similarity t = object_to_input(straight, field, post(), render, pool);
   EXPECT_LT(length(s.apply(Vec3d{0, 0, 1}) - t.apply(Vec3d{1, 0, 0})), 1e-9);
+}
+
+// A triangle that rises by a metre a second for two seconds.
+TEST(InsertObject, PlaysItsAnimation) {
+  const RadianceField field = floor_field();
+  const test::TempFolder folder;
+  test::SomeGltf gltf;
+  gltf.animate(0, "translation", {0, 2}, {0, 0, 0, 0, 2, 0}, "VEC3");
+  gltf.write(folder / "rising.glb");
+  ThreadPool pool(1);
+  const RenderOptions render;
+  InsertOptions options;
+  options.insert = folder / "rising.glb";
+  options.at = field.info().to_engine.center;
+  options.object_start = 0.5;
+  options.rotate = {-90, 0, 0};
+  options.object_shadow = false;
+  const auto height = [](const InsertedObject& o) { return o.mesh.positions[0].y; };
+  InsertedObject object = insert_object(options, field, 0.25, render, pool);
+  EXPECT_EQ(height(object), 0.75_r);
+  object.show(1, render, pool);
+  EXPECT_EQ(height(object), 1.5_r);
+  object.show(2, render, pool);
+  EXPECT_EQ(height(object), 0.5_r) << "from the start again";
+  options.object_loop = false;
+  InsertedObject once = insert_object(options, field, 9, render, pool);
+  EXPECT_EQ(height(once), 2);
+  // It faces a camera above and grows as it comes nearer.
+  const ModelInfo& info = field.info();
+  const Pose pose = info.to_engine.apply_inverse(test::looking_at({0.02, 0.01, 1.5}, {0.02, 0, 0}));
+  const auto pixels = [&](double seconds) {
+    once.show(seconds - options.object_start, render, pool);
+    const auto picture = [&](const Insertion* with) {
+      return nerf::render(field, test::pinhole(80, 80, 100), pose, render, pool, {}, nullptr, with);
+    };
+    const Frame with = picture(once.insertion.get()), without = picture(nullptr);
+    int changed = 0;
+    for (size_t i = 0; i < with.depth_z.size(); ++i)
+      changed += with.depth_z[i] != without.depth_z[i];
+    return changed;
+  };
+  const int far = pixels(0), near = pixels(1);
+  EXPECT_GT(far, 20);
+  EXPECT_GT(near, far + 5);
+  EXPECT_EQ(pixels(0), far);
 }
 
 TEST(ObjectToInput, StandsOnTheSurfaceUnderAPixel) {

@@ -4,6 +4,7 @@
 
 #include <numbers>
 
+#include "io/some_gltf.h"
 #include "nerf/base/error.h"
 #include "nerf/math/camera_paths.h"
 #include "run_program.h"
@@ -142,6 +143,44 @@ TEST(RenderPlan, PathFilesAndFramesPerSecond) {
   EXPECT_EQ(make_render_plan(c, {}, kPlenty).fps, 25);
   c.frames = 3;
   EXPECT_NE(error_of(c, {}).find("--frames"), std::string::npos);
+}
+
+TEST(RenderPlan, GltfCamerasArePaths) {
+  const TempFolder folder;
+  const fs::path file = folder.path() / "film.glb";
+  test::SomeGltf gltf;
+  gltf.json["cameras"] = {{{"type", "perspective"}, {"perspective", {{"yfov", 1}, {"znear", 1}}}}};
+  gltf.json["nodes"] = {{{"name", "eye"}, {"camera", 0}}};
+  gltf.animate(0, "translation", {1, 2}, {0, 0, 0, 1, 0, 0}, "VEC3");
+  gltf.write(file);
+  const ModelInfo info = model({"a", "b"});
+  RenderCommand c = command(file.string());
+  c.fps = 8;
+  c.check_options();  // pictures alone have a speed here
+  const auto plan = make_render_plan(c, info, kPlenty);
+  ASSERT_EQ(plan.frames.size(), 9u);
+  EXPECT_EQ(plan.fps, 8);
+  EXPECT_EQ(plan.frames[8].color, "film_0008.png");
+  // What is inserted keeps to the file's time.
+  EXPECT_EQ(plan.frames[0].seconds, 1);
+  EXPECT_EQ(plan.frames[8].seconds, 2);
+  // The same by its other name.
+  c.path = file;
+  c.views = RenderCommand().views;
+  c.check_options();
+  EXPECT_EQ(make_render_plan(c, info, kPlenty).frames.size(), 9u);
+  c.path_camera = "ear";
+  EXPECT_NE(error_of(c, info).find("--path-camera"), std::string::npos);
+  c.path_camera = {};
+  c.freeze_time = 0;
+  EXPECT_EQ(make_render_plan(c, info, kPlenty).frames[8].seconds, 1);
+  c.views = "orbit";
+  EXPECT_NE(test::error_of([&] { c.check_options(); }).find("--path"), std::string::npos);
+  RenderCommand orbit = command("orbit");
+  orbit.path_camera = "eye";
+  EXPECT_NE(error_of(orbit, info).find("--path-camera"), std::string::npos);
+  orbit.path_camera = {};
+  EXPECT_EQ(make_render_plan(orbit, info, kPlenty).frames[30].seconds, 1);
 }
 
 TEST(RenderPlan, GeneratedPathsShowPanoramasLevel) {

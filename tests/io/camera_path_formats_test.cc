@@ -242,7 +242,7 @@ TEST_F(PathFormats, ANormalisedPathIsBroughtBack) {
 
   write_text(folder_ / "run" / "dataparser_transforms.json", n.json());
   const CameraPath given = read_camera_path(folder_ / "tour.json", info_,
-                                            folder_ / "run" / "dataparser_transforms.json");
+                                            {folder_ / "run" / "dataparser_transforms.json"});
   write_text(folder_ / "dataparser_transforms.json", n.json());
   const CameraPath beside = read(text);
   for (const CameraPath* path : {&given, &beside})

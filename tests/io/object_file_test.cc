@@ -5,12 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
+#include "io/some_gltf.h"
 #include "nerf/base/file.h"
 #include "nerf/io/image.h"
 #include "nerf/math/random.h"
@@ -19,84 +18,7 @@
 namespace nerf {
 namespace {
 
-using Json = nlohmann::json;
-
-// A triangle with everything that is read, whose parts tests change.
-struct SomeGltf {
-  Json json;
-  std::vector<uint8_t> bin;
-
-  SomeGltf() {
-    json["asset"] = {{"version", "2.0"}};
-    json["scene"] = 0;
-    json["scenes"] = {{{"nodes", {0}}}};
-    json["nodes"] = {{{"mesh", 0}}};
-    json["materials"] = {{{"pbrMetallicRoughness",
-                           {{"baseColorFactor", {0.5, 0.25, 1, 0.5}},
-                            {"metallicFactor", 0.25},
-                            {"roughnessFactor", 0.75}}},
-                          {"emissiveFactor", {0, 0, 0.5}},
-                          {"alphaMode", "BLEND"}}};
-    const int positions = add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3");
-    const int uv = add_floats({0, 0, 1, 0, 0, 1}, "VEC2");
-    const int indices = add(std::vector<uint16_t>{0, 1, 2}, 5123, 3, "SCALAR");
-    json["meshes"] = {{{"primitives",
-                        {{{"attributes", {{"POSITION", positions}, {"TEXCOORD_0", uv}}},
-                          {"indices", indices},
-                          {"material", 0}}}}}};
-  }
-  Json& primitive() { return json["meshes"][0]["primitives"][0]; }
-
-  template <class T>
-  int add(const std::vector<T>& numbers, int component_type, size_t count, const char* type) {
-    const size_t begin = bin.size(), bytes = numbers.size() * sizeof(T);
-    bin.resize(begin + (bytes + 3) / 4 * 4);
-    std::memcpy(bin.data() + begin, numbers.data(), bytes);
-    json["bufferViews"].push_back({{"buffer", 0}, {"byteOffset", begin}, {"byteLength", bytes}});
-    json["accessors"].push_back({{"bufferView", json["bufferViews"].size() - 1},
-                                 {"componentType", component_type},
-                                 {"count", count},
-                                 {"type", type}});
-    return static_cast<int>(json["accessors"].size()) - 1;
-  }
-  int add_floats(const std::vector<float>& numbers, const std::string& type) {
-    const size_t components = type == "SCALAR" ? 1 : static_cast<size_t>(type[3] - '0');
-    return add(numbers, 5126, numbers.size() / components, type.c_str());
-  }
-  // A PNG as the base colour's texture.
-  void add_texture(const std::vector<uint8_t>& png) {
-    const size_t begin = bin.size();
-    bin.insert(bin.end(), png.begin(), png.end());
-    bin.resize((bin.size() + 3) / 4 * 4);
-    json["bufferViews"].push_back(
-        {{"buffer", 0}, {"byteOffset", begin}, {"byteLength", png.size()}});
-    json["images"] = {{{"bufferView", json["bufferViews"].size() - 1}, {"mimeType", "image/png"}}};
-    json["samplers"] = {{{"wrapS", 33071}, {"wrapT", 33648}, {"magFilter", 9728}}};
-    json["textures"] = {{{"source", 0}, {"sampler", 0}}};
-    json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", 0}};
-  }
-
-  std::vector<uint8_t> glb() {
-    json["buffers"] = {{{"byteLength", bin.size()}}};
-    std::string text = json.dump();
-    text.resize((text.size() + 3) / 4 * 4, ' ');
-    std::vector<uint8_t> out;
-    const auto put = [&](uint32_t w) {
-      for (int k = 0; k < 4; ++k) out.push_back(static_cast<uint8_t>(w >> (8 * k)));
-    };
-    put(0x46546c67);
-    put(2);
-    put(static_cast<uint32_t>(28 + text.size() + bin.size()));
-    put(static_cast<uint32_t>(text.size()));
-    put(0x4e4f534a);
-    out.insert(out.end(), text.begin(), text.end());
-    put(static_cast<uint32_t>(bin.size()));
-    put(0x004e4942);
-    out.insert(out.end(), bin.begin(), bin.end());
-    return out;
-  }
-  void write(const std::filesystem::path& path) { write_file_atomically(path, glb()); }
-};
+using test::SomeGltf;
 
 std::vector<uint8_t> some_png(const test::TempFolder& folder) {
   Image8 image{2, 2, 4, {255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255, 255, 255, 255, 0}};

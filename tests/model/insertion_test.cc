@@ -191,6 +191,52 @@ TEST(Insertion, WhatIsNearerIsSeen) {
   EXPECT_EQ(wrong, 0);
 }
 
+TEST(SameShape, IsOneThatOnlyMoves) {
+  const SceneObject box = box_around({0.1_r, 0.2_r, 0.3_r}, 0.2_r);
+  const std::vector<Vec3> a = box.mesh.positions;
+  std::vector<Vec3> b = a;
+  for (Vec3& p : b) p = Vec3{-p.y, p.x, p.z} * 3 + Vec3{5, 0, -2};
+  EXPECT_TRUE(internal::same_shape(a, b));
+  b[9].x += 0.05_r;
+  EXPECT_FALSE(internal::same_shape(a, b));
+  EXPECT_FALSE(internal::same_shape(a, std::span(a).first(8)));
+  EXPECT_FALSE(internal::same_shape({}, {}));
+  EXPECT_FALSE(internal::same_shape(a, std::vector<Vec3>(a.size())));
+}
+
+// Moved it is as if it had always stood there, and away it leaves no trace.
+TEST(Insertion, MovesWithoutATrace) {
+  const RadianceField field =
+      test::surface_field(Similarity(), [](const Vec3d& p) { return p.z + 0.3; });
+  ThreadPool pool(2);
+  const RenderOptions options;
+  const auto box = [](const Vec3& at) {
+    SceneObject object = box_around(at, 0.2_r);
+    object.materials[0].unlit = false;
+    return object;
+  };
+  InsertionOptions moving;
+  moving.moves = true;
+  Insertion moved(field, box({0, 0, 0}), moving, options, pool);
+  const Insertion there(field, box({-0.3_r, 0.2_r, 0.1_r}), {}, options, pool);
+  const Camera camera = test::pinhole(60, 40, 60);
+  const auto picture = [&](const Insertion* object) {
+    return render(field, camera, along_x(), options, pool, {}, nullptr, object);
+  };
+  const Frame at_first = picture(&moved);
+  moved.move(box({-0.3_r, 0.2_r, 0.1_r}).mesh, options, pool);
+  const Frame a = picture(&moved), b = picture(&there);
+  EXPECT_NE(a.rgb, at_first.rgb);
+  EXPECT_EQ(a.rgb, b.rgb);
+  EXPECT_EQ(a.depth_z, b.depth_z);
+  TriangleMesh nothing = box({0, 0, 0}).mesh;
+  for (Vec3& p : nothing.positions) p = {0.1_r, 0, 0};
+  moved.move(nothing, options, pool);
+  EXPECT_EQ(picture(&moved).rgb, picture(nullptr).rgb);
+  moved.move(box({0, 0, 0}).mesh, options, pool);
+  EXPECT_EQ(picture(&moved).rgb, at_first.rgb);
+}
+
 TEST(Insertion, HasTheSameBitsForAnyThreads) {
   const RadianceField field =
       test::surface_field(Similarity(), [](const Vec3d& p) { return p.z + 0.3; });

@@ -6,6 +6,7 @@
 #include <array>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -41,6 +42,7 @@ struct CameraPath {
   std::vector<PathFrame> frames;
   PictureKind picture = PictureKind::kPerspective;  // else cameras are panoramas, of one eye
   double fps = 30;
+  double begin = 0;                // seconds: of the first frame, in the file's own time
   bool own_lenses = false;         // cameras are those of photos, to be resized with their lenses
   std::vector<std::string> notes;  // for the user: fallbacks taken, things in a file not used
 };
@@ -128,12 +130,27 @@ CameraPath read_camera_path(const std::filesystem::path& path);
 //   the model's view of that name, else the photos';
 // - instant-ngp's base_cam.json: {"path": [{"R", "T", "fov"}], "loop", "duration_seconds"}, 30
 //   frames a second; "scale" and "offset" of a transforms.json beside it are obeyed;
-// - a folder of cameras in Nerfies' layout (camera-paths/NAME).
-// `transform` is the dataparser_transforms.json of the nerfstudio run whose normalised space the
-// path is in. Where it is empty, one beside the file is used if the path then lies nearer to the
-// model's cameras. Notes say so, and where a path lies far from them. Throws Error as above.
+// - a folder of cameras in Nerfies' layout (camera-paths/NAME);
+// - glTF 2.0 (GLB, or JSON): a camera, with the animation of its node and of what it hangs on, from
+//   the first key to the last. Coordinates are those of nerf_export's GLB files (asset.extras says
+//   them, else a metre is an input unit). The lens is that of the node's extras where it agrees
+//   with the camera's yfov, as nerf_export writes both, else a pinhole with yfov and aspect ratio
+//   that is as high as the photos. znear and zfar are not used.
+// Notes say which camera is shown of several, and where a path lies far from the model's cameras.
+// Throws Error as above.
+struct PathReading {
+  // dataparser_transforms.json of the nerfstudio run whose normalised space the path is in. Empty:
+  // one beside the file is used if the path then lies nearer to the model's cameras; a note says
+  // so.
+  std::filesystem::path transform{};
+  // Of glTF, which has no frames: how many a second; else those that nerf_export says, the keys'
+  // own where they are as regular as a film's frames, or 30.
+  std::optional<double> fps{};
+  // Of glTF: a camera's or its node's name; empty: the first that moves, else the first.
+  std::string camera{};
+};
 CameraPath read_camera_path(const std::filesystem::path& path, const ModelInfo& info,
-                            const std::filesystem::path& transform = {});
+                            const PathReading& reading = {});
 CameraPath parse_camera_path(const std::string& json, const std::string& where,
                              const std::string& frame_prefix);
 

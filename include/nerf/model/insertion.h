@@ -35,6 +35,7 @@ struct InsertionOptions {
   bool shadows = true;      // on the field's surface
   int shadow_rays = 24;     // for each pixel near the object
   bool reflections = true;  // rays of their own where the object is smooth; else blurred light
+  bool moves = false;       // it may have no triangle with an area for a while
 };
 
 namespace internal {
@@ -43,13 +44,17 @@ struct ObjectPixels;
 
 class Insertion {
  public:
-  // `object` in engine coordinates (place_object()). Looks at the field's light around it with the
+  // `object` in engine coordinates (place_mesh()). Looks at the field's light around it with the
   // options of the pictures to come.
   Insertion(const RadianceField& field, SceneObject object, const InsertionOptions& insertion,
             const RenderOptions& options, ThreadPool& pool);
   ~Insertion();
   Insertion(const Insertion&) = delete;
   Insertion& operator=(const Insertion&) = delete;
+
+  // The object's positions, normals and triangles become these, as many as they were, in engine
+  // coordinates. Its light is that of its new place.
+  void move(TriangleMesh mesh, const RenderOptions& options, ThreadPool& pool);
 
   // What render() asks. The camera is in engine units. What is seen of the objects in a picture:
   internal::ObjectPixels look(const Camera& camera, const Pose& camera_to_engine,
@@ -67,6 +72,6 @@ class Insertion {
 };
 
 // An object's coordinates become the engine's.
-void place_object(const Similarity& to_engine, SceneObject& object);
+void place_mesh(const Similarity& to_engine, TriangleMesh& mesh);
 
 }  // namespace nerf
