@@ -73,7 +73,8 @@ TEST(Tutorials, DepthIntoACompositor) {
 TEST(Tutorials, MeshIntoBlender) {
   const testing_apps::TempFolder folder;
   run_tutorial("mesh_into_blender.md", folder, "150");
-  for (const char* file : {"demo.glb", "cameras.glb", "fine.ply", "points.ply"})
+  for (const char* file : {"demo.glb", "cameras.glb", "flight/cameras_0001.png",
+                           "slow/cameras_0000.png", "fine.ply", "points.ply"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
 }
 
@@ -81,7 +82,7 @@ TEST(Tutorials, ObjectIntoAScene) {
   const testing_apps::TempFolder folder;
   run_tutorial("object_into_a_scene.md", folder, "20");
   for (const char* file : {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png",
-                           "layers/exr/orbit_0001.exr"})
+                           "moving/orbit_0001.png", "layers/exr/orbit_0001.exr"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
 }
 
