@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <future>
 #include <set>
 #include <utility>
 
@@ -82,13 +83,8 @@ RenderedFiles render_frames(const RenderPlan& plan, const fs::path& out,
       return ranged && plan.look.depth_legend ? with_legend(image, files.depth, plan.look.depth_map)
                                               : image;
     };
-    for (size_t i = 0; i < plan.frames.size(); ++i) {
-      if (cancel.requested()) throw Cancelled();
+    const auto write = [&](size_t i, const Frame& picture) {
       const PlannedFrame& frame = plan.frames[i];
-      const std::string text = fmt::format("{}/{} {}", i + 1, plan.frames.size(), frame.name);
-      const Frame picture = draw(plan, frame, render, 0, [&](double fraction) {
-        progress.update((static_cast<double>(i) + fraction) / count, text);
-      });
       const Image8 color = to_8bit({picture.width, picture.height, 3, picture.rgb});
       if (depth) {
         const Image8 depths = depth_picture(plan.look, picture, frame.camera_to_world, files.depth);
@@ -106,8 +102,21 @@ RenderedFiles render_frames(const RenderPlan& plan, const fs::path& out,
       folders.make((out / frame.color).parent_path());
       write_image(out / frame.color, color);
       files.color.push_back(out / frame.color);
+    };
+    // One picture's files are written while the next is drawn: encoding takes one thread only.
+    std::future<void> writing;
+    for (size_t i = 0; i < plan.frames.size(); ++i) {
+      if (cancel.requested()) throw Cancelled();
+      const PlannedFrame& frame = plan.frames[i];
+      const std::string text = fmt::format("{}/{} {}", i + 1, plan.frames.size(), frame.name);
+      Frame picture = draw(plan, frame, render, 0, [&](double fraction) {
+        progress.update((static_cast<double>(i) + fraction) / count, text);
+      });
+      if (writing.valid()) writing.get();
+      writing = std::async(std::launch::async, write, i, std::move(picture));
       progress.update(static_cast<double>(i + 1) / count, text);
     }
+    if (writing.valid()) writing.get();
   } catch (const Cancelled&) {
     files.cancelled = true;
   }

@@ -45,6 +45,8 @@ std::vector<unsigned char> encode(const std::string& format, const fs::path& pat
     spec.attribute("oiio:UnassociatedAlpha", 1);
   }
   if (format == "jpeg") spec.attribute("Compression", "jpeg:95");
+  // A tenth more bytes than zlib's usual 6, in a fifth of its time, which was a third of a film's.
+  if (format == "png") spec.attribute("png:compressionLevel", 2);
   if (!out->set_ioproxy(&sink) || !out->open(path.string(), spec) ||
       !out->write_image(kType, image.pixels.data(),
                         image.channels * static_cast<int>(sizeof(image.pixels[0]))) ||

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <future>
 #include <iterator>
 #include <map>
 #include <set>
@@ -150,6 +151,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   result.halves = options.fit_light == FitLight::kOn ||
                   (options.fit_light == FitLight::kAuto && model.field().codes().has_own_light());
   std::set<std::string> used;
+  // One view's picture is written while the next is drawn: encoding takes one thread only.
+  std::future<void> writing;
   const std::vector<HeldOut> kinds = held_out_kinds(scene);
   for (size_t i = 0; i < views.size(); ++i) {
     const size_t v = static_cast<size_t>(views[i]);
@@ -187,10 +190,16 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
       score.aligned_ssim = ssim(truth, rendering, pool, mask);
     }
     result.views.push_back(std::move(score));
-    if (!options.pictures.empty())
-      write_image(options.pictures / picture_file(scene.views[v].name, used),
-                  side_by_side(truth, mask, rendering, frame));
+    if (options.pictures.empty()) continue;
+    Image8 picture = side_by_side(truth, mask, rendering, frame);
+    if (writing.valid()) writing.get();
+    writing = std::async(std::launch::async,
+                         [picture = std::move(picture),
+                          file = options.pictures / picture_file(scene.views[v].name, used)] {
+                           write_image(file, picture);
+                         });
   }
+  if (writing.valid()) writing.get();
   const ScaleScore all = mean_score<ScaleScore>(result.views);
   result.psnr = all.psnr;
   result.ssim = all.ssim;
@@ -216,8 +225,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   return result;
 }
 
-// Frame (5 numbers), its 8-bit pictures by way of three more, the three pictures side by side and
-// their encoder's copies.
-uint64_t evaluation_memory_bytes(uint64_t pixels) { return (8 * sizeof(Real) + 32) * pixels; }
+// Frame (5 numbers), its 8-bit pictures by way of three more, the three pictures side by side, and
+// those of the view before with their encoder's copies.
+uint64_t evaluation_memory_bytes(uint64_t pixels) { return (8 * sizeof(Real) + 44) * pixels; }
 
 }  // namespace nerf
