@@ -31,6 +31,8 @@ Json view_scores(const Evaluation& e) {
   for (const ViewScore& v : e.views) {
     views.push_back(
         {{"name", v.name}, {"scale", v.scale}, {"psnr", number(v.psnr)}, {"ssim", number(v.ssim)}});
+    if (!v.picture.empty()) views.back()["picture"] = v.picture;
+    if (!v.depth.empty()) views.back()["depth"] = {v.depth.near, v.depth.far};
     if (v.held_out != HeldOut::kStatic) views.back()["held_out"] = held_out_name(v.held_out);
     if (!e.aligned) continue;
     views.back()["aligned_psnr"] = number(v.aligned_psnr);
@@ -53,6 +55,11 @@ Json held_out_scores(const Evaluation& e) {
   for (const HeldOutScore& s : e.held_out)
     scores[held_out_name(s.held_out)] = {{"psnr", s.psnr}, {"ssim", s.ssim}, {"views", s.counted}};
   return scores;
+}
+
+Json profile_json(const TrainProfile& p) {
+  return {{"rays", p.rays},       {"encode", p.encode}, {"network", p.network},
+          {"scatter", p.scatter}, {"update", p.update}, {"occupancy", p.occupancy}};
 }
 
 }  // namespace
@@ -87,8 +94,10 @@ bool RunFolder::has_checkpoint() const {
 
 void RunFolder::begin_again() const {
   std::error_code failed;
-  fs::remove(result(), failed);
-  if (failed) throw errno_error(failed.value(), "cannot remove", result());
+  for (const fs::path& file : {result(), report()}) {
+    fs::remove(file, failed);
+    if (failed) throw errno_error(failed.value(), "cannot remove", file);
+  }
 }
 
 void RunFolder::clear() const {
@@ -98,10 +107,12 @@ void RunFolder::clear() const {
     fs::remove(file, failed);
     if (failed) throw errno_error(failed.value(), "cannot remove", file);
   };
-  for (const fs::path& file : {checkpoint(), model(), result(), metrics()}) remove(file);
+  for (const fs::path& file : {checkpoint(), model(), result(), metrics(), notes(), report()})
+    remove(file);
   std::vector<fs::path> old;
-  for (const auto& entry : fs::directory_iterator(pictures(), failed))
-    if (entry.path().extension() == ".png") old.push_back(entry.path());
+  for (const fs::path& folder : {pictures(), pictures() / kPictureMasks})
+    for (const auto& entry : fs::directory_iterator(folder, failed))
+      if (entry.path().extension() == ".png") old.push_back(entry.path());
   for (const fs::path& file : old) remove(file);
   remove(options());  // last: an interrupted clearing can be taken up again
 }
@@ -196,6 +207,7 @@ void write_result(const fs::path& path, const RunSummary& s) {
                                         {"decode_seconds", s.decode_seconds},
                                         {"evaluation_seconds", s.run.evaluation_seconds},
                                         {"saving_seconds", s.run.saving_seconds},
+                                        {"profile", profile_json(s.profile)},
                                         {"failures", s.run.failures},
                                         {"seed", s.seed},
                                         {"threads", s.threads},

@@ -32,6 +32,8 @@ class RunFolder {
   std::filesystem::path model() const { return path_ / "model.nerf"; }
   std::filesystem::path checkpoint() const { return path_ / "checkpoint.nerf"; }
   std::filesystem::path pictures() const { return path_ / "eval"; }
+  std::filesystem::path notes() const { return path_ / "notes.json"; }
+  std::filesystem::path report() const { return path_ / "report.html"; }
   std::filesystem::path refined() const { return path_ / "refined"; }  // cameras
   // Where the cameras of photos and the frames of a video are worked out.
   std::filesystem::path capture() const { return path_ / kCaptureFolder; }
@@ -70,6 +72,7 @@ struct RunSummary {
   double decode_seconds = 0;
   RunResult run;
   Evaluation evaluation;
+  TrainProfile profile;  // of the steps of this process
 };
 
 // The model's cameras, at the size of the scene's photos: cameras.txt, images.txt, points3D.txt

@@ -29,7 +29,7 @@ std::string writer_for(const fs::path& path) {
 // Encoded in memory, so that what reaches the disk is one plain write with a plain errno.
 template <class Image>
 std::vector<unsigned char> encode(const std::string& format, const fs::path& path,
-                                  const Image& image) {
+                                  const Image& image, int jpeg_quality = 95) {
   constexpr bool kDeep = std::is_same_v<Image, Image16>;
   constexpr auto kType = kDeep ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
   // Before the writer, which may still write when it is closed by its destructor.
@@ -44,7 +44,7 @@ std::vector<unsigned char> encode(const std::string& format, const fs::path& pat
     spec.alpha_channel = channels - 1;
     spec.attribute("oiio:UnassociatedAlpha", 1);
   }
-  if (format == "jpeg") spec.attribute("Compression", "jpeg:95");
+  if (format == "jpeg") spec.attribute("Compression", "jpeg:" + std::to_string(jpeg_quality));
   // A tenth more bytes than zlib's usual 6, in a fifth of its time, which was a third of a film's.
   if (format == "png") spec.attribute("png:compressionLevel", 2);
   if (!out->set_ioproxy(&sink) || !out->open(path.string(), spec) ||
@@ -99,13 +99,18 @@ Image8 to_8bit(const ImageF& image) {
 namespace {
 
 template <class Image>
-void write_encoded(const fs::path& path, const std::string& format, const Image& image) {
+void check_image(const Image& image) {
   NERF_CHECK_GT(image.width, 0);
   NERF_CHECK_GT(image.height, 0);
   NERF_CHECK(image.channels >= 1 && image.channels <= 4);
   NERF_CHECK_EQ(image.pixels.size(), static_cast<size_t>(image.width) *
                                          static_cast<size_t>(image.height) *
                                          static_cast<size_t>(image.channels));
+}
+
+template <class Image>
+void write_encoded(const fs::path& path, const std::string& format, const Image& image) {
+  check_image(image);
   write_file_atomically(path, std::span<const uint8_t>(encode(format, path, image)));
 }
 
@@ -113,6 +118,11 @@ void write_encoded(const fs::path& path, const std::string& format, const Image&
 
 void write_image(const fs::path& path, const Image8& image) {
   write_encoded(path, writer_for(path), image);
+}
+
+std::vector<uint8_t> jpeg_bytes(const Image8& image, int quality) {
+  check_image(image);
+  return encode("jpeg", "picture.jpg", image, quality);
 }
 
 void write_image(const fs::path& path, const Image16& image) {

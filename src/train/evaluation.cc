@@ -21,8 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kGap = 4;  // pixels between the parts of a picture
-
 // Some of the views, spread evenly.
 std::vector<int> chosen(const std::vector<int>& views, int most) {
   const size_t n = views.size();
@@ -115,19 +113,19 @@ Image8 photo_over(const Photo& photo, const Vec3& background) {
 }
 
 Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const Image8& rendering,
-                    const Frame& frame) {
+                    const Frame& frame, const DepthRange& range) {
   NERF_CHECK(photo.width == rendering.width && photo.height == rendering.height);
   Image8 shown = photo;
   for (size_t i = 0; i < mask.size(); ++i)
     if (mask[i] == 0)
       for (size_t k = 0; k < 3; ++k) shown.pixels[3 * i + k] /= 4;
-  const Image8 depth = depth_image(frame.width, frame.height, frame.depth_z, frame.alpha,
-                                   depth_range(frame.depth_z, frame.alpha));
-  Image8 out{3 * photo.width + 2 * kGap, photo.height, 3, {}};
+  const Image8 depth =
+      depth_image(frame.width, frame.height, frame.depth_z, frame.alpha, range);
+  Image8 out{3 * photo.width + 2 * kPictureGap, photo.height, 3, {}};
   out.pixels.assign(3 * static_cast<size_t>(out.width) * static_cast<size_t>(out.height), 255);
   paste(shown, 0, out);
-  paste(rendering, photo.width + kGap, out);
-  paste(depth, 2 * (photo.width + kGap), out);
+  paste(rendering, photo.width + kPictureGap, out);
+  paste(depth, 2 * (photo.width + kPictureGap), out);
   return out;
 }
 
@@ -180,7 +178,9 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
                     scene.views[v].scale,
                     {},
                     {},
-                    kinds[v]};
+                    kinds[v],
+                    {},
+                    {}};
     if (options.align) {
       const CameraFit fit =
           fit_camera(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);
@@ -189,13 +189,23 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
       score.aligned_psnr = psnr(truth, rendering, mask);
       score.aligned_ssim = ssim(truth, rendering, pool, mask);
     }
+    if (!options.pictures.empty()) {
+      score.picture = picture_file(score.name, used).string();
+      score.depth = depth_range(frame.depth_z, frame.alpha);
+    }
     result.views.push_back(std::move(score));
     if (options.pictures.empty()) continue;
-    Image8 picture = side_by_side(truth, mask, rendering, frame);
+    const ViewScore& written = result.views.back();
+    Image8 picture = side_by_side(truth, mask, rendering, frame, written.depth);
+    if (!mask.empty()) {
+      make_writable_folder(options.pictures / kPictureMasks);
+      write_image(options.pictures / kPictureMasks / written.picture,
+                  Image8{photo.width, photo.height, 1, mask});
+    }
     if (writing.valid()) writing.get();
     writing = std::async(std::launch::async,
                          [picture = std::move(picture),
-                          file = options.pictures / picture_file(scene.views[v].name, used)] {
+                          file = options.pictures / written.picture] {
                            write_image(file, picture);
                          });
   }

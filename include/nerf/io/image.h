@@ -64,6 +64,8 @@ Image8 to_8bit(const ImageF& image);
 // PNG or JPEG by extension, written atomically, 1 to 4 channels. JPEG has no alpha: it is left out.
 // Throws Error.
 void write_image(const std::filesystem::path& path, const Image8& image);
+// The bytes of a JPEG of `quality` 1 to 100, for a picture within another file. Alpha is left out.
+std::vector<uint8_t> jpeg_bytes(const Image8& image, int quality);
 // PNG alone, 16 bits a channel, written likewise.
 void write_image(const std::filesystem::path& path, const Image16& image);
 

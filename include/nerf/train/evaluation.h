@@ -12,6 +12,7 @@
 #include "nerf/base/cancel.h"
 #include "nerf/base/options.h"
 #include "nerf/base/threads.h"
+#include "nerf/io/depth_image.h"
 #include "nerf/io/image.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
@@ -50,7 +51,14 @@ struct ViewScore {
   int scale = 1;                                     // View::scale
   std::optional<double> aligned_psnr, aligned_ssim;  // only where cameras are aligned
   HeldOut held_out = HeldOut::kStatic;
+  std::string picture;  // file in EvaluationOptions::pictures; empty where none was written
+  DepthRange depth;     // of the picture's colours, input unit
 };
+
+// Pixels between the parts of side_by_side().
+inline constexpr int kPictureGap = 4;
+// Folder beside the pictures for masks of those that have one: grey, 0 where a pixel counts nowhere.
+inline constexpr const char* kPictureMasks = "masks";
 
 // Means over the views of one scale.
 struct ScaleScore {
@@ -86,7 +94,7 @@ Image8 photo_over(const Photo& photo, const Vec3& background);
 
 // Photo, rendering and colour-mapped depth in a row; masked-out pixels of the photo are darkened.
 Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const Image8& rendering,
-                    const Frame& frame);
+                    const Frame& frame, const DepthRange& range);
 
 // Renders the views of scene.test at the size of their photos and compares 8-bit pictures (PSNR and
 // SSIM of metrics.h), masked-out pixels left out; right halves alone where light is fitted.
