@@ -22,6 +22,7 @@ struct MotionRecipe {
   int ambient = 0;
   double rate = 0.15;
   int width = 128;
+  double offset = 0;
 
   // Of Deform::kAuto, which is resolved before, that of a scene that stands still.
   MotionShape shape() const;
@@ -40,6 +41,9 @@ struct MotionRecipe {
     v("motion_rate", rate, "step size of the motion's networks, as a share of the networks'",
       above(0), at_most(10));
     v("motion_width", width, "width of the motion's networks", at_least(8), at_most(256));
+    v("motion_offset", offset,
+      "weight of the loss on how far matter is moved, so that what could stand still does",
+      at_least(0), at_most(100));
   }
 };
 
