@@ -59,7 +59,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
       depth_weight(depth_loss_weight(o, s, p)),
-      offset_weight(o.grid_recipe.motion.shape().any() ? o.grid_recipe.motion.offset : 0),
+      offset_weight(nerf::offset_weight(o.grid_recipe.motion, s)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
             learnt_light(o.grid_recipe.light, source.files()), o.grid_recipe.motion.shape(),
             o.grid_recipe.medium.medium),

@@ -258,6 +258,33 @@ TEST(Motion, IsChosenWhereACaptureHasSeveralMoments) {
   EXPECT_THROW(resolve_motion(c.scene, recipe), Error);
 }
 
+TEST(Motion, MatterIsHeldInPlaceWhereOneCameraFilmedOnItsWay) {
+  auto c = moving_sphere(24, 16);
+  MotionRecipe recipe;
+  recipe.deform = Deform::kTranslation;
+  const auto place = [&](auto x_of) {
+    for (size_t i = 0; i < c.scene.views.size(); ++i)
+      c.scene.views[i].pose.translation = {x_of(static_cast<double>(i)), 0, 0};
+  };
+  place([](double i) { return 0.1 * i; });
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0.1);
+  recipe.deform = Deform::kNone;
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  recipe.deform = Deform::kSe3;
+  recipe.offset = 0;
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  recipe.offset = {};
+  place([](double i) { return std::fmod(7 * i, 24); });  // here and there
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  place([](double i) { return 0.1 * i; });
+  const auto& train = c.scene.train;  // two photos of a moment
+  c.scene.views[static_cast<size_t>(train[0])].time =
+      c.scene.views[static_cast<size_t>(train[1])].time;
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  c.scene.train.resize(4);
+  EXPECT_FALSE(filmed_on_the_way(c.scene));
+}
+
 // Held-out photos are of moments between the others.
 TEST(Motion, AMovingSphereIsSharp) {
   const auto c = moving_sphere(24, 32);
