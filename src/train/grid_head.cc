@@ -143,6 +143,7 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       chunk_colours[static_cast<size_t>(c)] = chunk.count(tape.colour);
       if (robust && !open) leave_out(c, tape, random, chunk);
       if (has_losses_on_weights()) add_losses_on_weights(c, tape, chunk);
+      if (offset_weight > 0) chunk.loss += offset_loss(c, tape, chunk);
       tape.tape.backward(chunk);
       keep_samples(c, tape, chunk);
       if (moving && cameras)

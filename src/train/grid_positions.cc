@@ -1,6 +1,7 @@
 // Where a step's samples stand in the canonical scene, and what the step says of their positions:
 // the gradient of features goes through the lookups to positions, and on to what these depend on.
 #include <algorithm>
+#include <cmath>
 
 #include "train/grid_trainer.h"
 
@@ -66,6 +67,49 @@ void GridTrainer::find_position_gradient() {
   }
 }
 
+namespace {
+// A distance's slope ends there, so that what hardly moves is not pulled hard; contracted units.
+constexpr Real kStill = 1e-3_r;
+
+Real smooth_length(const Vec3& offset) { return std::sqrt(dot(offset, offset) + kStill * kStill); }
+}  // namespace
+
+Real GridTrainer::offset_scale(int64_t c, int ray) const {
+  return static_cast<Real>(3 * offset_weight) * scale_of(c, ray);
+}
+
+double GridTrainer::offset_loss(int64_t c, const GridTape& tape, const Chunk& chunk) const {
+  const Real* const weights = chunk.data(tape.image.weights);
+  double loss = 0;
+  for (int r = 0; r < chunk.rays; ++r) {
+    Real sum = 0;
+    for (int32_t i = chunk.ray_begin[r]; i < chunk.ray_begin[r + 1]; ++i) {
+      const size_t at = static_cast<size_t>(c * kChunkSamples + i);
+      const Vec3 offset{moving->x[at] - batch.x[at], moving->y[at] - batch.y[at],
+                        moving->z[at] - batch.z[at]};
+      sum += weights[i] * (smooth_length(offset * (2 * field.extent())) - kStill);
+    }
+    loss += static_cast<double>(offset_scale(c, r) * sum);
+  }
+  return loss;
+}
+
+void GridTrainer::pull_back(int64_t c, const MotionChunk& motion) {
+  const int64_t at = c * kChunkSamples, ld = kChunkSamples;
+  const Real* const from[] = {batch.x.data() + at, batch.y.data() + at, batch.z.data() + at};
+  const Real unit = 2 * field.extent();
+  for (int64_t s = 0; s < chunk_kept[static_cast<size_t>(c)]; ++s) {
+    Vec3 offset;
+    for (int k = 0; k < 3; ++k) offset[k] = unit * (motion.canonical(k)[s] - from[k][s]);
+    const Vec3 slope =
+        offset * (unit * moving->pull[static_cast<size_t>(at + s)] / smooth_length(offset));
+    for (int k = 0; k < 3; ++k) {
+      d_position[static_cast<size_t>(3 * at + k * ld + s)] += slope[k];
+      if (cameras) moving->d_points[static_cast<size_t>(3 * at + k * ld + s)] -= slope[k];
+    }
+  }
+}
+
 // The warp is asked once more of the samples that learn: that is cheaper than to keep what it
 // computed of all.
 void GridTrainer::trace_motion() {
@@ -82,6 +126,7 @@ void GridTrainer::trace_motion() {
                      batch.rays[static_cast<size_t>(c)],
                      moving->ray_begin.data() + c * (kChunkRays + 1),
                      batch.time.data() + c * kChunkRays);
+      if (offset_weight > 0) pull_back(c, motion);
       motion.backward(d_position.data() + 3 * at, ld, dense->sum(a));
       if (!cameras) continue;
       for (int k = 0; k < 3; ++k) {

@@ -59,6 +59,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
       depth_weight(depth_loss_weight(o, s, p)),
+      offset_weight(nerf::offset_weight(o.grid_recipe.motion, s)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
             learnt_light(o.grid_recipe.light, source.files()), o.grid_recipe.motion.shape(),
             o.grid_recipe.medium.medium),
@@ -111,6 +112,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   if (!field.motion.empty()) {
     moving = std::make_unique<MovingSamples>(field, dense->packs(), batch.max_chunks, pool.size());
     if (cameras) moving->d_points = AlignedArray<Real>(3 * columns);
+    if (offset_weight > 0) moving->pull = AlignedArray<Real>(columns);
   }
   if (cameras || moving) d_position = AlignedArray<Real>(3 * columns);
   if (const double share = o.grid_recipe.light.robust.share; share > 0) {
@@ -209,13 +211,24 @@ void GridTrainer::look_up() {
 }
 
 void GridTrainer::keep_samples(int64_t c, const GridTape& tape, Chunk& chunk) {
-  const int32_t* const kept = chunk.state<RouletteState>(tape.gradient_roulette).kept.data();
+  const auto& roulette = chunk.state<RouletteState>(tape.gradient_roulette);
+  const int32_t* const kept = roulette.kept.data();
   chunk_kept[static_cast<size_t>(c)] = chunk.samples;
   batch.keep_points(static_cast<int>(c), kept, chunk.samples);
   if (!moving) return;
   for (auto* a : {&moving->x, &moving->y, &moving->z})
     keep_columns(1, kept, chunk.samples, a->data() + c * kChunkSamples, kChunkSamples);
   std::copy_n(chunk.ray_begin, chunk.rays + 1, moving->ray_begin.data() + c * (kChunkRays + 1));
+  if (!(offset_weight > 0)) return;
+  const Real* const weights = chunk.data(tape.image.weights);
+  for (int r = 0; r < chunk.rays; ++r) {
+    const Real scale = offset_scale(c, r);
+    for (int32_t i = chunk.ray_begin[r]; i < chunk.ray_begin[r + 1]; ++i) {
+      const size_t at = static_cast<size_t>(i);
+      moving->pull[static_cast<size_t>(c) * kChunkSamples + at] =
+          scale * roulette.factor[at] * weights[roulette.kept[at]];
+    }
+  }
 }
 
 AdamStep GridTrainer::dense_step() const {

@@ -51,6 +51,7 @@ struct MovingSamples {
   AlignedArray<Real> x, y, z;      // grid coordinates, [chunk][kChunkSamples]
   std::vector<int32_t> ray_begin;  // of the samples that learn, as RayBatch::ray_begin
   AlignedArray<Real> d_points;     // gradient by position of what the head adds, [chunk][3][.]
+  AlignedArray<Real> pull;  // of the loss on how far samples that learn are moved, [chunk][.]
   std::vector<std::unique_ptr<MotionChunk>> workers;  // one per thread
 };
 
@@ -97,8 +98,16 @@ struct GridTrainer final : TrainerImpl {
   // What a squared error, summed over channels, of a ray of chunk c counts in the loss.
   Real scale_of(int64_t c, int ray) const;
   bool has_medium() const { return field.medium_numbers.out > 0; }
-  bool has_losses_on_weights() const { return distortion > 0 || depth_weight > 0; }
+  bool has_losses_on_weights() const {
+    return distortion > 0 || depth_weight > 0 || offset_weight > 0;
+  }
   void add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk);
+  // How far the chunk's matter is moved, weighted by its light, which the loss does not change
+  // (Tretschk et al. 2021, equation 5, with a distance in place of its power).
+  double offset_loss(int64_t c, const GridTape& tape, const Chunk& chunk) const;
+  Real offset_scale(int64_t c, int ray) const;
+  // Adds that loss's gradient, by where samples that learn stand in the canonical scene.
+  void pull_back(int64_t c, const MotionChunk& motion);
   // Of the samples that the backward pass went on with: what their lookups need to learn.
   void keep_samples(int64_t c, const GridTape& tape, Chunk& chunk);
   // What the report says of chunk c's pixels.
@@ -125,8 +134,9 @@ struct GridTrainer final : TrainerImpl {
   double mean_squared_error() const;
   void initialise();
 
-  double distortion;    // weight of the loss
-  double depth_weight;  // likewise; 0 where no photo has a depth map
+  double distortion;     // weight of the loss
+  double depth_weight;   // likewise; 0 where no photo has a depth map
+  double offset_weight;  // likewise; 0 where the scene stands still
   GridField field;
   TableState optimiser;
   std::unique_ptr<GridHead> own_head, given_head;    // of the method's loss, and of the caller's

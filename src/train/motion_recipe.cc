@@ -1,6 +1,8 @@
 #include "nerf/train/motion_recipe.h"
 
+#include <algorithm>
 #include <set>
+#include <vector>
 
 #include "nerf/base/error.h"
 #include "nerf/io/scene.h"
@@ -27,6 +29,31 @@ int count_moments(const Scene& scene) {
   std::set<double> times;
   for (const int view : scene.train) times.insert(scene.views[static_cast<size_t>(view)].time);
   return static_cast<int>(times.size());
+}
+
+bool filmed_on_the_way(const Scene& scene) {
+  constexpr size_t kFewest = 8;
+  constexpr double kSmall = 0.25;  // of the way to a photo of half the film later
+  std::vector<int> order = scene.train;
+  const size_t n = order.size();
+  if (n < kFewest || count_moments(scene) != static_cast<int>(n)) return false;
+  const auto view = [&](int v) -> const View& { return scene.views[static_cast<size_t>(v)]; };
+  std::ranges::sort(order, {}, [&](int v) { return view(v).time; });
+  const auto usual_distance = [&](size_t apart) {
+    std::vector<double> all;
+    for (size_t i = 0; i + apart < n; ++i)
+      all.push_back(
+          length(view(order[i + apart]).pose.translation - view(order[i]).pose.translation));
+    std::ranges::nth_element(all, all.begin() + static_cast<int64_t>(all.size() / 2));
+    return all[all.size() / 2];
+  };
+  return usual_distance(1) < kSmall * usual_distance(n / 2);
+}
+
+double offset_weight(const MotionRecipe& recipe, const Scene& scene) {
+  constexpr double kFilmed = 0.1;  // docs/moving.md
+  if (!recipe.shape().any()) return 0;
+  return recipe.offset.value_or(filmed_on_the_way(scene) ? kFilmed : 0.0);
 }
 
 void resolve_motion(const Scene& scene, MotionRecipe& recipe) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "math/worst_error.h"
@@ -127,6 +128,79 @@ void compare_gradient(Deform deform) {
 TEST(Motion, GradientOfAStepByATranslation) { compare_gradient(Deform::kTranslation); }
 TEST(Motion, GradientOfAStepByARigidMotion) { compare_gradient(Deform::kSe3); }
 
+// How far what learns is moved, the light of each sample given: in float64 from the warp's places.
+double moved_light(GridTrainer& t) {
+  const double extent = static_cast<double>(t.field.extent());
+  MotionChunk& motion = *t.moving->workers[0];
+  double sum = 0;
+  for (int c = 0; c < t.batch.chunks; ++c) {
+    const int64_t at = int64_t{c} * kChunkSamples;
+    const int kept = static_cast<int>(t.chunk_kept[static_cast<size_t>(c)]);
+    const Real* const from[] = {t.batch.x.data() + at, t.batch.y.data() + at,
+                                t.batch.z.data() + at};
+    motion.forward(from[0], from[1], from[2], kept, t.batch.rays[static_cast<size_t>(c)],
+                   t.moving->ray_begin.data() + int64_t{c} * (kChunkRays + 1),
+                   t.batch.time.data() + int64_t{c} * kChunkRays);
+    for (int s = 0; s < kept; ++s) {
+      double square = 0;
+      for (int k = 0; k < 3; ++k) {
+        const double moved = 2 * extent * double{motion.canonical(k)[s] - from[k][s]};
+        square += moved * moved;
+      }
+      sum +=
+          double{t.moving->pull[static_cast<size_t>(at + s)]} * (std::sqrt(square + 1e-6) - 1e-3);
+    }
+  }
+  return sum;
+}
+
+TEST(Motion, LossOnHowFarMatterIsMoved) {
+  auto c = moving_sphere(5, 24);
+  TrainOptions o = moving_options(1000, Deform::kSe3);
+  o.grid_recipe.gradient_roulette = 0;
+  o.grid_recipe.stop_transmittance = 0;
+  o.grid_recipe.motion.offset = 0.5;
+  o.precision = Precision::kF32;
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, o, pool);
+  for (int i = 0; i < 20; ++i) trainer.step();
+  GridTrainer& t = grid_of(trainer);
+  DrawnBatch batch(t);
+  const auto gradient = [&] {
+    const double loss = batch.loss();
+    t.dense->reduce(1, pool);
+    return std::pair(loss, std::vector<Real>(t.dense->gradient.begin(), t.dense->gradient.end()));
+  };
+  const auto [pulled_loss, pulled] = gradient();
+  const double moved = moved_light(t);
+  t.offset_weight = 0;
+  const auto [free_loss, free] = gradient();
+  ASSERT_GT(moved, 1e-6);
+  EXPECT_NEAR(pulled_loss - free_loss, moved, 1e-2 * moved);  // of all samples, and of what learns
+
+  const bool is_float = std::is_same_v<Real, float>;
+  // A tenth of where the loss bends: 0.2 % of bend, and 0.1 % for a float position's rounding.
+  const double h = is_float ? 1e-4 : 1e-6;
+  std::vector<size_t> tried;
+  const LinearWeights& last = t.field.motion.warp.last;
+  for (int k = 0; k < last.out; ++k) tried.push_back(last.bias_offset() + static_cast<size_t>(k));
+  tried.push_back(t.field.motion.time_last.bias_offset());
+  double norm = 0;
+  for (const size_t i : tried) norm = std::max(norm, std::abs(double{pulled[i] - free[i]}));
+  WorstError worst("offset_gradient");
+  for (const size_t i : tried) {
+    Real& weight = t.field.weights[i];
+    const Real before = weight;
+    weight = before + static_cast<Real>(h);
+    const double above = moved_light(t);
+    weight = before - static_cast<Real>(h);
+    const double below = moved_light(t);
+    weight = before;
+    worst.compare(double{pulled[i] - free[i]}, (above - below) / (2 * h), 1e-2 * norm, "weight", i);
+  }
+  worst.report();
+}
+
 TEST(Motion, IsTheSameForAnyNumberOfThreads) {
   const auto c = moving_sphere(6, 24);
   const auto bits = [&](int threads) {
@@ -182,6 +256,33 @@ TEST(Motion, IsChosenWhereACaptureHasSeveralMoments) {
   EXPECT_FALSE(recipe.shape().any());
   recipe.deform = Deform::kSe3;
   EXPECT_THROW(resolve_motion(c.scene, recipe), Error);
+}
+
+TEST(Motion, MatterIsHeldInPlaceWhereOneCameraFilmedOnItsWay) {
+  auto c = moving_sphere(24, 16);
+  MotionRecipe recipe;
+  recipe.deform = Deform::kTranslation;
+  const auto place = [&](auto x_of) {
+    for (size_t i = 0; i < c.scene.views.size(); ++i)
+      c.scene.views[i].pose.translation = {x_of(static_cast<double>(i)), 0, 0};
+  };
+  place([](double i) { return 0.1 * i; });
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0.1);
+  recipe.deform = Deform::kNone;
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  recipe.deform = Deform::kSe3;
+  recipe.offset = 0;
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  recipe.offset = {};
+  place([](double i) { return std::fmod(7 * i, 24); });  // here and there
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  place([](double i) { return 0.1 * i; });
+  const auto& train = c.scene.train;  // two photos of a moment
+  c.scene.views[static_cast<size_t>(train[0])].time =
+      c.scene.views[static_cast<size_t>(train[1])].time;
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  c.scene.train.resize(4);
+  EXPECT_FALSE(filmed_on_the_way(c.scene));
 }
 
 // Held-out photos are of moments between the others.

@@ -231,6 +231,7 @@ inline const std::vector<OptionLine>& option_lines() {
       {"ambient", {"2"}, moving},
       {"motion_rate", {"0.9"}, moving},
       {"motion_width", {"16"}, moving},
+      {"motion_offset", {"0.5"}, moving},
       {"medium", {"water"}, opaque_photos},
       {"medium_rate", {"0.1"}, in_fog},
       {"refine_cameras", {"on"}, cameras_at_once},
