@@ -1,6 +1,7 @@
 #include "app.h"
 
 #include <fmt/format.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -12,6 +13,7 @@
 #include <exception>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <new>
 #include <string_view>
 
@@ -20,6 +22,8 @@
 
 namespace nerf::apps {
 namespace {
+
+constexpr const char* kWarning = "warning: ";
 
 // A signal handler reaches nothing but globals; these two are the program's, not the library's.
 std::atomic<Cancel*> signal_target{nullptr};
@@ -115,7 +119,34 @@ int SignalCancel::signal() const { return signal_number; }
 std::string version_text(const std::string& program) { return program + " " NERF_VERSION; }
 
 void log_info(const std::string& text) { spdlog::info("{}", text); }
-void log_warning(const std::string& text) { spdlog::warn("warning: {}", text); }
+void log_warning(const std::string& text) { spdlog::warn("{}{}", kWarning, text); }
+
+struct LogRecord::Impl : spdlog::sinks::base_sink<std::mutex> {
+  static constexpr size_t kMost = 10000;
+  std::vector<std::string> lines;
+
+  std::vector<std::string> copy() {
+    const std::lock_guard lock(mutex_);
+    return lines;
+  }
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    if (lines.size() < kMost)
+      lines.emplace_back(message.payload.data(), message.payload.size());
+  }
+  void flush_() override {}
+};
+
+LogRecord::LogRecord() : impl_(std::make_shared<Impl>()) {
+  spdlog::default_logger()->sinks().push_back(impl_);
+}
+
+LogRecord::~LogRecord() {
+  std::erase(spdlog::default_logger()->sinks(), std::static_pointer_cast<spdlog::sinks::sink>(impl_));
+}
+
+std::vector<std::string> LogRecord::lines() const { return impl_->copy(); }
+
+bool LogRecord::is_warning(const std::string& line) { return line.starts_with(kWarning); }
 
 void log_machine(const std::string& program, int threads, Precision precision) {
   log_info(fmt::format("{}: {}, {} thread{}, {}", version_text(program), simd_target(), threads,

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include "nerf/base/cancel.h"
 #include "nerf/kernels/bf16.h"
@@ -49,6 +51,22 @@ std::string version_text(const std::string& program);
 // Lines for the user on stderr, through spdlog; a warning gets "warning: " in front.
 void log_info(const std::string& text);
 void log_warning(const std::string& text);
+
+// While it lives, keeps the lines that log_info and log_warning print, the first ten thousand.
+class LogRecord {
+ public:
+  LogRecord();
+  ~LogRecord();
+  LogRecord(const LogRecord&) = delete;
+  LogRecord& operator=(const LogRecord&) = delete;
+
+  std::vector<std::string> lines() const;  // as printed
+  static bool is_warning(const std::string& line);
+
+ private:
+  struct Impl;
+  std::shared_ptr<Impl> impl_;
+};
 
 // First line of every program: name and version, SIMD target, threads, precision. Throws Error
 // where the processor lacks what the kernels or the precision need.

@@ -195,6 +195,7 @@ class Drawing {
       if (!drawable(p)) continue;
       const double x = x_.pixel(p.x), y = y_.pixel(p.y);
       if (s.line && &p != &s.points.front()) keep_clear_of_line(*(&p - 1), p);
+      if (!s.markers) continue;
       taken_.push_back({x - 5, y - 5, x + 5, y + 5});
       out_ += marker(index, x, y);
     }
@@ -258,7 +259,7 @@ class Drawing {
       if (chart_.series[s].line)
         line(kRight + 16, y, kRight + 42, y,
              fmt::format("stroke=\"{}\" stroke-width=\"2\"", kColours[s % kColours.size()]));
-      out_ += marker(s, kRight + 29, y);
+      if (chart_.series[s].markers) out_ += marker(s, kRight + 29, y);
       out_ += text_at(kRight + 50, y + 4, "start", chart_.series[s].name);
     }
   }

@@ -15,7 +15,8 @@ struct ChartPoint {
 struct ChartSeries {
   std::string name;  // in the legend
   std::vector<ChartPoint> points;
-  bool line = true;  // joins the points in order
+  bool line = true;     // joins the points in order
+  bool markers = true;  // at each point
 };
 
 struct ChartAxis {
