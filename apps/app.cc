@@ -130,8 +130,7 @@ struct LogRecord::Impl : spdlog::sinks::base_sink<std::mutex> {
     return lines;
   }
   void sink_it_(const spdlog::details::log_msg& message) override {
-    if (lines.size() < kMost)
-      lines.emplace_back(message.payload.data(), message.payload.size());
+    if (lines.size() < kMost) lines.emplace_back(message.payload.data(), message.payload.size());
   }
   void flush_() override {}
 };
@@ -141,7 +140,8 @@ LogRecord::LogRecord() : impl_(std::make_shared<Impl>()) {
 }
 
 LogRecord::~LogRecord() {
-  std::erase(spdlog::default_logger()->sinks(), std::static_pointer_cast<spdlog::sinks::sink>(impl_));
+  std::erase(spdlog::default_logger()->sinks(),
+             std::static_pointer_cast<spdlog::sinks::sink>(impl_));
 }
 
 std::vector<std::string> LogRecord::lines() const { return impl_->copy(); }

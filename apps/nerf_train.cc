@@ -21,6 +21,8 @@
 #include "photo_needs.h"
 #include "render_plan.h"
 #include "run_folder.h"
+#include "run_notes.h"
+#include "run_report.h"
 #include "score_text.h"
 #include "train_options.h"
 
@@ -129,15 +131,21 @@ std::string rate_text(double x, const char* unit) {
 // One training with its screen and its folder.
 class Training {
  public:
-  Training(const TrainCommand& command, const RunFolder& folder, const Scene& scene,
-           const PhotoSet& photos, ThreadPool& pool, const SignalCancel& stop)
+  // `line` is the command as it was given, `record` what is printed.
+  Training(const TrainCommand& command, const std::string& line, const LogRecord& record,
+           const RunFolder& folder, const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
+           const SignalCancel& stop)
       : command_(command),
+        record_(record),
         folder_(folder),
         scene_(scene),
         photos_(photos),
         pool_(pool),
         stop_(stop),
-        trainer_(scene, photos, command.train, pool) {}
+        trainer_(scene, photos, command.train, pool),
+        notes_(notes_of(scene)) {
+    notes_.command = line;
+  }
 
   int run() {
     const bool resume = begin();
@@ -176,7 +184,16 @@ class Training {
       save_options(command_);
     }
     if (!scene_.test.empty()) make_writable_folder(folder_.pictures());
+    save_notes();
     return resume;
+  }
+
+  void save_notes() const {
+    RunNotes notes = notes_;
+    notes.printed = record_.lines();
+    for (const std::string& line : notes.printed)
+      if (LogRecord::is_warning(line)) notes.warnings.push_back(line);
+    write_notes(folder_.notes(), notes);
   }
 
   void save_options(TrainCommand command) const {
@@ -274,6 +291,7 @@ class Training {
     summary_.threads = pool_.size();
     summary_.precision = precision_name(trainer_.options().precision);
     summary_.decode_seconds = photos_.decode_seconds;
+    summary_.profile = trainer_.profile();
     write_result(folder_.result(), summary_);
     log_info(fmt::format("training    {}, {} steps, {}", format_duration(run.train_seconds),
                          run.steps, rate_text(run.samples_per_second(), "samples")));
@@ -290,7 +308,19 @@ class Training {
                       summary_.evaluation.aligned_psnr, summary_.evaluation.aligned_ssim));
     if (refines()) write_cameras(folder_.refined(), trainer_.snapshot().info(), scene_);
     log_info(fmt::format("written to  {}", folder_.path().string()));
+    report();
     return kExitOk;
+  }
+
+  // A page to look at. The run stands without it.
+  void report() {
+    try {
+      notes_.repeat = equivalent_command(command_, trainer_.options().plan());
+      save_notes();
+      log_info(fmt::format("report      {}", write_report(folder_.path(), pool_).string()));
+    } catch (const std::exception& error) {
+      log_warning(fmt::format("the report is not written: {}", one_line(error.what())));
+    }
   }
 
   // Pictures of what was taken for passing by, for a person to look at.
@@ -306,12 +336,14 @@ class Training {
   }
 
   const TrainCommand& command_;
+  const LogRecord& record_;
   const RunFolder& folder_;
   const Scene& scene_;
   const PhotoSet& photos_;
   ThreadPool& pool_;
   const SignalCancel& stop_;
   Trainer trainer_;
+  RunNotes notes_;
   Progress progress_{"training"};
   std::optional<MetricsFile> metrics_;
   RunProgress last_;
@@ -319,6 +351,7 @@ class Training {
 };
 
 int train_main(int argc, char** argv) {
+  const LogRecord record;
   TrainCommand command;
   const CommandLine line = parse_command_line(argc, argv, train_program_text(), command);
   if (line.exit) return kExitOk;
@@ -350,7 +383,8 @@ int train_main(int argc, char** argv) {
   look_at_motion(command, scene);
   add_photo_scales(scene, photos, command.scales, learns_from_reduced_photos(command.train), pool);
   folder.keep();
-  return Training(command, folder, scene, photos, pool, stop).run();
+  return Training(command, command_text(argc, argv), record, folder, scene, photos, pool, stop)
+      .run();
 }
 
 }  // namespace

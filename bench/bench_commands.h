@@ -17,6 +17,7 @@ int bench_kernels(int argc, char** argv);
 int bench_error(int argc, char** argv);
 int bench_ablation(int argc, char** argv);
 int bench_tables(int argc, char** argv);
+int bench_report(int argc, char** argv);
 
 // The held-out views of the capture that a run was trained on; `most_views` of them, spread evenly,
 // or all where that is 0, their photos divided by `downscale`, without it as in training. Other

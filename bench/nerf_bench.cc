@@ -18,6 +18,7 @@ constexpr const char* kHelp =
     "  kernels       times the kernels beside what the machine reaches at most\n"
     "  error [SCENE] curves of cost against error: quadrature, training, rendering, width\n"
     "  ablation SCENE  trains a paper's method with one part taken out at a time\n"
+    "  report RUN    writes a run's report.html anew, of a stopped run too\n"
     "  tables [FILE] prints kept measurements as Markdown tables\n"
     "nerf_bench COMMAND --help says more.\n";
 
@@ -37,8 +38,9 @@ int bench_main(int argc, char** argv) {
   if (command == "error") return bench_error(argc - 1, argv + 1);
   if (command == "ablation") return bench_ablation(argc - 1, argv + 1);
   if (command == "tables") return bench_tables(argc - 1, argv + 1);
-  const std::vector<std::string> known = {"scene", "render",   "kernels",
-                                          "error", "ablation", "tables"};
+  if (command == "report") return bench_report(argc - 1, argv + 1);
+  const std::vector<std::string> known = {"scene",    "render", "kernels", "error",
+                                          "ablation", "tables", "report"};
   throw Error("unknown command '" + command + "'", "", nearest_name_hint(command, known));
 }
 

@@ -218,7 +218,7 @@
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
     draw();
   }
-  const data = document.getElementById("space"), canvas = document.querySelector(".plot canvas");
+  const data = document.getElementById("space-data"), canvas = document.querySelector(".plot canvas");
   if (data && canvas) plot(JSON.parse(data.textContent), canvas);
   root.dataset.ready = "yes";
 })();

@@ -119,8 +119,7 @@ Image8 side_by_side(const Image8& photo, const std::vector<uint8_t>& mask, const
   for (size_t i = 0; i < mask.size(); ++i)
     if (mask[i] == 0)
       for (size_t k = 0; k < 3; ++k) shown.pixels[3 * i + k] /= 4;
-  const Image8 depth =
-      depth_image(frame.width, frame.height, frame.depth_z, frame.alpha, range);
+  const Image8 depth = depth_image(frame.width, frame.height, frame.depth_z, frame.alpha, range);
   Image8 out{3 * photo.width + 2 * kPictureGap, photo.height, 3, {}};
   out.pixels.assign(3 * static_cast<size_t>(out.width) * static_cast<size_t>(out.height), 255);
   paste(shown, 0, out);
@@ -204,8 +203,7 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
     }
     if (writing.valid()) writing.get();
     writing = std::async(std::launch::async,
-                         [picture = std::move(picture),
-                          file = options.pictures / written.picture] {
+                         [picture = std::move(picture), file = options.pictures / written.picture] {
                            write_image(file, picture);
                          });
   }

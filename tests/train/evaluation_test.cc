@@ -235,7 +235,8 @@ TEST(Evaluation, MaskedPixelsAreDarkenedInThePicture) {
   Image8 photo{1, 2, 3, {200, 100, 40, 200, 100, 40}};
   Frame frame{1, 2, std::vector<Real>(6, 0.5_r), std::vector<Real>(2, 0.0_r),
               std::vector<Real>(2, 0.0_r)};
-  const Image8 out = side_by_side(photo, {255, 0}, photo, frame, depth_range(frame.depth_z, frame.alpha));
+  const Image8 out =
+      side_by_side(photo, {255, 0}, photo, frame, depth_range(frame.depth_z, frame.alpha));
   EXPECT_EQ(out.width, 11);
   EXPECT_EQ(out.pixels[0], 200);
   EXPECT_EQ(out.pixels[3 * 11], 50);

@@ -57,7 +57,8 @@ struct ViewScore {
 
 // Pixels between the parts of side_by_side().
 inline constexpr int kPictureGap = 4;
-// Folder beside the pictures for masks of those that have one: grey, 0 where a pixel counts nowhere.
+// Folder beside the pictures for masks of those that have one: grey, 0 where a pixel counts
+// nowhere.
 inline constexpr const char* kPictureMasks = "masks";
 
 // Means over the views of one scale.
