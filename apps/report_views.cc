@@ -88,21 +88,26 @@ double percentile(std::vector<double> values, double share) {
   return *at;
 }
 
-// The box of all cameras and of the middle nine tenths of the points, along each axis.
-Box3 shown_box(const std::vector<Vec3d>& cameras, const std::vector<Vec3d>& points) {
-  Box3 box;
-  for (const Vec3d& c : cameras) box.extend(c);
-  if (points.empty()) return box;
-  Vec3d low, high;
-  for (int k = 0; k < 3; ++k) {
-    std::vector<double> values;
-    for (const Vec3d& p : points) values.push_back(p[k]);
-    low[k] = percentile(values, 0.05);
-    high[k] = percentile(values, 0.95);
+// What the plot shows at first: the cameras around the origin, which is what they look at, and the
+// height of the ground below.
+struct Stage {
+  double radius = 1, ground = 0;
+};
+
+Stage stage_of(const std::vector<Vec3d>& cameras, const std::vector<Vec3d>& points) {
+  std::vector<double> distances, heights;
+  for (const Vec3d& c : cameras) distances.push_back(length(c));
+  Stage stage;
+  const double radius = 1.1 * percentile(distances, 0.9);
+  if (radius > 0 && std::isfinite(radius)) stage.radius = radius;
+  for (const Vec3d& p : points)
+    if (length(p) < stage.radius) heights.push_back(p.z);
+  if (heights.size() < 20) {
+    heights.clear();
+    for (const Vec3d& c : cameras) heights.push_back(c.z);
   }
-  box.extend(low);
-  box.extend(high);
-  return box;
+  stage.ground = percentile(heights, 0.05);
+  return stage;
 }
 
 Json numbers(const Vec3d& v, double extent) {
@@ -200,10 +205,8 @@ std::string space_part(const RunRecord& record) {
   }
   if (places.empty()) return "";
   const std::vector<Vec3d>& points = record.notes.points;
-  const Box3 box = shown_box(places, points);
-  const Vec3d centre = (box.min + box.max) * 0.5, size = box.size();
-  double radius = 0.5 * std::sqrt(dot(size, size));
-  if (!(radius > 0) || !std::isfinite(radius)) radius = 1;
+  const Stage stage = stage_of(places, points);
+  const double radius = stage.radius;
   const double rough = radius / 4, power = std::pow(10, std::floor(std::log10(rough)));
   const double step = (rough >= 5 * power ? 5 : rough >= 2 * power ? 2 : 1) * power;
   int train = 0, held_out = 0;
@@ -217,17 +220,11 @@ std::string space_part(const RunRecord& record) {
   }
   for (const Vec3d& p : points)
     for (int k = 0; k < 3; ++k) list.push_back(shortened_number(p[k], radius));
-  const auto on_grid = [&](double x) {
-    return shortened_number(std::round(x / step) * step, radius);
-  };
-  const Json data = {{"centre", numbers(centre, radius)},
-                     {"radius", shortened_number(radius, radius)},
+  const Json data = {{"radius", shortened_number(radius, radius)},
                      {"grid",
-                      {{"x", on_grid(centre.x)},
-                       {"y", on_grid(centre.y)},
-                       {"z", shortened_number(box.min.z, radius)},
+                      {{"z", shortened_number(stage.ground, radius)},
                        {"step", step},
-                       {"count", static_cast<int>(std::ceil(radius / step))}}},
+                       {"count", static_cast<int>(std::ceil(1.2 * radius / step))}}},
                      {"cameras", std::move(cameras)},
                      {"points", std::move(list)}};
   std::string text = fmt::format(

@@ -63,7 +63,7 @@
   }
   document.querySelectorAll(".view").forEach(wipe);
 
-  // --- Cameras and points. Axes: x and y level, z up; unit: the capture's.
+  // --- Cameras and points. Axes: x and y level, z up, the origin in what the cameras look at; unit: the capture's.
   function plot(data, canvas) {
     const context = canvas.getContext("2d"), label = canvas.parentNode.querySelector("output");
     const start = { yaw: 0.7, pitch: 0.5, zoom: 1, x: 0, y: 0 };
@@ -71,7 +71,7 @@
 
     // A point on the canvas, and how large a unit is there; null behind the eye.
     function place(p) {
-      const x = p[0] - data.centre[0], y = p[1] - data.centre[1], z = p[2] - data.centre[2];
+      const [x, y, z] = p;
       const c = Math.cos(eye.yaw), s = Math.sin(eye.yaw);
       const u = c * x + s * y, v = c * y - s * x;
       const cp = Math.cos(eye.pitch), sp = Math.sin(eye.pitch);
@@ -115,8 +115,8 @@
       context.lineWidth = 1;
       const n = data.grid.count, step = data.grid.step, g = data.grid;
       for (let i = -n; i <= n; ++i) {
-        path([[g.x + i * step, g.y - n * step, g.z], [g.x + i * step, g.y + n * step, g.z]]);
-        path([[g.x - n * step, g.y + i * step, g.z], [g.x + n * step, g.y + i * step, g.z]]);
+        path([[i * step, -n * step, g.z], [i * step, n * step, g.z]]);
+        path([[-n * step, i * step, g.z], [n * step, i * step, g.z]]);
       }
       context.fillStyle = colours.text;
       context.globalAlpha = 0.55;

@@ -57,6 +57,24 @@ TEST(App, ShellsReadQuotedTextAsItWas) {
   }
 }
 
+TEST(App, ARecordKeepsWhatIsLogged) {
+  std::vector<std::string> lines;
+  outcome([&] {
+    log_info("before");
+    {
+      const LogRecord record;
+      log_info("one");
+      log_warning("two {}");
+      lines = record.lines();
+    }
+    log_info("after");
+    return 0;
+  });
+  ASSERT_EQ(lines, (std::vector<std::string>{"one", "warning: two {}"}));
+  EXPECT_FALSE(LogRecord::is_warning(lines[0]));
+  EXPECT_TRUE(LogRecord::is_warning(lines[1]));
+}
+
 TEST(App, LogGoesToStderr) {
   const Outcome o = outcome([] {
     log_info("100% {} done");

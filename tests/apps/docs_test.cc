@@ -45,6 +45,7 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
         Command{NERF_BENCH_PROGRAM, "kernels", "--help"},
         Command{NERF_BENCH_PROGRAM, "error", "--help"},
         Command{NERF_BENCH_PROGRAM, "ablation", "--help"},
+        Command{NERF_BENCH_PROGRAM, "report", "--help"},
         Command{NERF_BENCH_PROGRAM, "tables", "--help"}})
     known.merge(options_in(
         testing_apps::run_program(program[0], {program.begin() + 1, program.end()}).out));

@@ -50,6 +50,24 @@ TEST(Half, EveryValueSurvivesAndRoundingIsToNearestEven) {
   EXPECT_TRUE(std::isnan(internal::half_to_float(internal::float_to_half(std::nanf("")))));
 }
 
+TEST(Image, JpegBytesAreAPictureOfTheirQuality) {
+  const TempFolder folder;
+  Image8 image{64, 48, 3, {}};
+  for (int i = 0; i < 64 * 48; ++i)
+    for (int k = 0; k < 3; ++k)
+      image.pixels.push_back(static_cast<uint8_t>(128 + 100 * std::sin(0.1 * i + k)));
+  const auto fine = jpeg_bytes(image, 95), coarse = jpeg_bytes(image, 40);
+  EXPECT_LT(coarse.size(), 0.8 * static_cast<double>(fine.size()));
+  write_file_atomically(folder / "a.jpg", std::span<const uint8_t>(fine));
+  const Image8 read = read_image_8bit(folder / "a.jpg");
+  ASSERT_EQ(read.pixels.size(), image.pixels.size());
+  EXPECT_EQ(read.width, 64);
+  double sum = 0;
+  for (size_t i = 0; i < read.pixels.size(); ++i)
+    sum += std::abs(int{read.pixels[i]} - int{image.pixels[i]});
+  EXPECT_LT(sum / static_cast<double>(read.pixels.size()), 12);
+}
+
 TEST(Image, PngGivesBackWhatWasWritten) {
   const TempFolder folder;
   for (int channels = 1; channels <= 4; ++channels) {

@@ -121,6 +121,11 @@ TEST_F(EvaluationTest, WritesPicturesSideBySide) {
   const Image8 picture = read_image_8bit(folder / "eval" / (e.views[0].name + ".png"));
   EXPECT_EQ(picture.width, 3 * 48 + 8);
   EXPECT_EQ(picture.height, 48);
+  EXPECT_EQ(e.views[0].picture, e.views[0].name + ".png");
+  EXPECT_FALSE(std::filesystem::exists(options.pictures / kPictureMasks));
+  // The sphere's radius is 0.7, 3 from the camera.
+  EXPECT_GT(e.views[0].depth.near, 2);
+  EXPECT_LT(e.views[0].depth.far, 4);
   // The corner is background: white in photo and rendering, black in the depth.
   EXPECT_EQ(picture.pixels[0], 255);
   EXPECT_EQ(picture.pixels[3 * 52], 255);
@@ -134,6 +139,20 @@ TEST_F(EvaluationTest, WritesPicturesSideBySide) {
       ASSERT_EQ(picture.pixels[row + i], truth.pixels[3 * 48 * y + i]);
       ASSERT_EQ(picture.pixels[row + 3 * 52 + i], rendering.pixels[3 * 48 * y + i]);
     }
+}
+
+TEST_F(EvaluationTest, KeepsTheMasksOfItsPictures) {
+  test::TempFolder folder;
+  EvaluationOptions options;
+  options.max_views = 1;
+  options.pictures = folder / "eval";
+  options.fit_light = FitLight::kOn;  // the right half counts
+  const std::string picture = evaluation(options).views.at(0).picture;
+  const Image8 mask = read_image_8bit(options.pictures / kPictureMasks / picture);
+  EXPECT_EQ(mask.channels, 1);
+  ASSERT_EQ(mask.pixels.size(), 48u * 48);
+  for (size_t i = 0; i < mask.pixels.size(); ++i)
+    ASSERT_EQ(mask.pixels[i], i % 48 < 24 ? 0 : 255) << i;
 }
 
 TEST_F(EvaluationTest, PicturesOfLongNamesAreShortened) {
