@@ -133,8 +133,9 @@ ProgramText train_program_text() {
       "the others count neither in training nor in metrics. Pixels are taken as stored; EXIF\n"
       "orientation is applied where the cameras have the size of the turned picture.\n\n"
       "RUN gets options.json, metrics.jsonl (a line per reported step and per evaluation),\n"
-      "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume) and eval/ with\n"
-      "photo, rendering and depth side by side. The clock is that of training steps.\n"
+      "result.json, model.nerf (for nerf_render), checkpoint.nerf (for --resume), eval/ with\n"
+      "photo, rendering and depth side by side, and report.html, a page that shows all of it.\n"
+      "The clock is that of training steps.\n"
       "Ctrl-C saves and leaves with 130; mistakes leave with 2.",
       "  nerf_train photos/garden -o runs/garden --minutes 15\n"
       "  nerf_train -o runs/garden --resume"};
