@@ -139,7 +139,9 @@ void InsertedObject::show(double seconds, const RenderOptions& render, ThreadPoo
   if (!motion) return;
   TriangleMesh moved = mesh;
   motion->pose(played_time(start + seconds, motion->first(), motion->last(), loop), moved);
-  if (moved.positions == mesh.positions) return;
+  if (moved.positions == mesh.positions && moved.normals == mesh.normals &&
+      moved.triangles == mesh.triangles)
+    return;
   mesh = moved;
   place_mesh(to_engine, moved);
   insertion->move(std::move(moved), render, pool);

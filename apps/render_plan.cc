@@ -124,11 +124,11 @@ Views find_views(const RenderCommand& command, const ModelInfo& info, const Mode
   return views;
 }
 
-// A photo's camera is scaled with its lens; a path's camera keeps its height's field of view and
-// square pixels.
+// A camera with a lens of its own is scaled with it, as a photo's is; a path's keeps its height's
+// field of view and square pixels.
 Camera resized(const Camera& camera, int width, int height, bool photo) {
   if (width == camera.width && height == camera.height) return camera;
-  if (photo || is_panorama(camera)) return camera.scaled_to(width, height);
+  if (photo || camera.model != CameraModel::kPinhole) return camera.scaled_to(width, height);
   Camera result = camera;
   const double factor = static_cast<double>(height) / camera.height;
   result.width = width;

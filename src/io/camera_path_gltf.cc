@@ -27,6 +27,7 @@ constexpr double kUsualFps = 30;
 constexpr int kUsualHeight = 1080;  // where neither file nor model says any
 constexpr int kLargestSide = 16384;
 constexpr double kMostFrames = 100000;
+constexpr double kOffGrid = 0.02;  // of a frame; times are floats
 
 struct NamedCamera {
   size_t node;
@@ -80,7 +81,7 @@ class GltfPath {
         fail(fmt::format("camera '{}' moves for {:g} s: more than {} frames", camera_.name,
                          animation_.last() - path.begin, kMostFrames),
              "give a smaller --fps");
-      frames = 1 + static_cast<size_t>(steps + 1e-3);
+      frames = 1 + static_cast<size_t>(steps + kOffGrid);
     }
     const bool timed = has_times(info_) && frames > 1;
     const std::string prefix = file_.stem().string();
@@ -236,10 +237,13 @@ class GltfPath {
       if (const auto& t = curve.times(); t.size() > 2)
         for (size_t i = 1; i < t.size(); ++i) step = std::min(step, t[i] - t[i - 1]);
     if (!(step >= 1.0 / 240 && step <= 1.0 / 10)) return kUsualFps;
+    // Keys' times are floats: the shortest step is too short, by more the longer the film.
+    const double all = animation_.last() - animation_.first();
+    step = all / std::max(1.0, std::round(all / step));
     for (const KeyCurve& curve : animation_.curves())
       for (const double t : curve.times()) {
         const double steps = (t - curve.times().front()) / step;
-        if (std::fabs(steps - std::round(steps)) > 0.02) return kUsualFps;
+        if (std::fabs(steps - std::round(steps)) > kOffGrid) return kUsualFps;
       }
     return std::round(1e3 / step) * 1e-3;
   }

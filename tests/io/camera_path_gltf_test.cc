@@ -139,6 +139,22 @@ TEST_F(GltfPathTest, StepsAndCubics) {
   for (size_t i = 0; i < 5; ++i) EXPECT_NEAR(x(i), 0.25 * static_cast<double>(i * i), 1e-6);
 }
 
+// Times of 40 s are floats with steps of 4e-6.
+TEST_F(GltfPathTest, SpeedOfALongFilmIsThatOfItsKeys) {
+  for (const int fps : {24, 25, 60}) {
+    std::vector<float> times, values;
+    for (int i = 0; i <= 40 * fps; ++i) {
+      times.push_back(static_cast<float>(i) / static_cast<float>(fps));
+      values.insert(values.end(), {static_cast<float>(i), 0, 0});
+    }
+    gltf_.json.erase("animations");
+    gltf_.animate(0, "translation", times, values, "VEC3");
+    const CameraPath path = read();
+    EXPECT_EQ(path.fps, fps);
+    EXPECT_EQ(path.frames.size(), times.size());
+  }
+}
+
 TEST_F(GltfPathTest, SpeedIsThatOfItsKeysWhereTheyAreAFilms) {
   std::vector<float> times, values;
   for (int i = 0; i < 25; ++i) {
