@@ -131,14 +131,18 @@ Similarity object_to_input(const InsertOptions& options, const RadianceField& fi
 }
 
 double played_time(double seconds, double first, double last, bool loop) {
+  if (seconds < first) return first;
   if (seconds <= last || !(last > first)) return std::min(seconds, last);
   return loop ? first + std::fmod(seconds - first, last - first) : last;
 }
 
 void InsertedObject::show(double seconds, const RenderOptions& render, ThreadPool& pool) {
   if (!motion) return;
+  const double at = played_time(start + seconds, motion->first(), motion->last(), loop);
+  if (at == shown) return;
+  shown = at;
   TriangleMesh moved = mesh;
-  motion->pose(played_time(start + seconds, motion->first(), motion->last(), loop), moved);
+  motion->pose(at, moved);
   if (moved.positions == mesh.positions && moved.normals == mesh.normals &&
       moved.triangles == mesh.triangles)
     return;
@@ -157,11 +161,14 @@ InsertedObject insert_object(const InsertOptions& options, const RadianceField& 
   inserted.start = options.object_start;
   inserted.loop = options.object_loop;
   if (auto& motion = inserted.motion) {
-    motion->pose(
-        played_time(inserted.start + seconds, motion->first(), motion->last(), inserted.loop),
-        read.object.mesh);
+    inserted.shown =
+        played_time(inserted.start + seconds, motion->first(), motion->last(), inserted.loop);
+    motion->pose(inserted.shown, read.object.mesh);
     inserted.mesh = read.object.mesh;
   }
+  if (!inserted.motion && (options.object_start != 0 || !options.object_loop))
+    inserted.notes.push_back(
+        "--object-start and --no-object-loop change nothing: the object does not move");
   inserted.to_engine =
       field.info().to_engine * object_to_input(options, field, read.object, render, pool);
   place_mesh(inserted.to_engine, read.object.mesh);

@@ -54,7 +54,8 @@ struct InsertOptions {
       "move other parts",
       metavar("NAME"));
     v("object_start", object_start,
-      "seconds of the object's animation at the first frame; --fps says how fast frames follow",
+      "seconds by which the object's animation is ahead of the film; --fps says how fast frames "
+      "follow",
       at_least(0), at_most(1e6), metavar("S"));
     v("object_loop", object_loop,
       "the object's animation begins again at its end; --no-object-loop: stays there");
@@ -77,20 +78,21 @@ Similarity object_to_input(const InsertOptions& options, const RadianceField& fi
                            const SceneObject& object, const RenderOptions& render,
                            ThreadPool& pool);
 
-// Seconds in an animation's own time, so many after it began: between its first key and its last
-// again and again, or at the last.
+// Where an animation whose keys are from `first` to `last` is at `seconds` of the same clock:
+// before them at the first, after them again and again from there, or at the last.
 double played_time(double seconds, double first, double last, bool loop);
 
 struct InsertedObject {
   std::unique_ptr<Insertion> insertion;  // null: none is wanted
   std::vector<std::string> notes;
 
-  // Moves the object to where it is so many seconds into the film, and lights it there. Where it
-  // does not move this costs nothing.
+  // Moves the object to where it is so many seconds into the film, and lights it there. Costs
+  // nothing where it stands still or was shown at that time before.
   void show(double seconds, const RenderOptions& render, ThreadPool& pool);
 
   std::unique_ptr<ObjectMotion> motion;  // null: it stands still
   TriangleMesh mesh;                     // where it was shown last, its own coordinates
+  double shown = 0;                      // at that moment of its animation
   Similarity to_engine;                  // from there
   double start = 0;
   bool loop = true;

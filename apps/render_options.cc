@@ -56,8 +56,8 @@ void RenderCommand::check_options() const {
   if (out.empty()) throw Error("the folder's name is empty", "--out");
   if (!path.empty() && views != RenderCommand().views)
     throw Error("--path and --views exclude each other", "--path", "give one of them");
-  const std::string& file = path.empty() ? views : path.native();
-  const bool timed = file.ends_with(".glb") || file.ends_with(".gltf") || !object.insert.empty();
+  const bool timed =
+      is_gltf(path.empty() ? std::filesystem::path(views) : path) || !object.insert.empty();
   if (fps && mp4.empty() && !timed)
     throw Error("pictures have no speed", "--fps", "give --mp4 FILE too, or leave it out");
   if (look.film != FilmKind::kColour && mp4.empty())

@@ -77,7 +77,8 @@ void set_times(const RenderCommand& command, const ModelInfo& info, bool moves, 
   for (const auto& [given, option] : {std::pair{command.time.has_value(), "--time"},
                                       std::pair{command.freeze_time.has_value(), "--freeze-time"},
                                       std::pair{!command.freeze_camera.empty(), "--freeze-camera"}})
-    if (given && !moves && command.object.insert.empty())
+    // The last two stop and start what is inserted.
+    if (given && !moves && (command.object.insert.empty() || option == std::string_view("--time")))
       path.notes.push_back(fmt::format(
           "{} changes nothing of what is seen: the model is of a scene that stands still", option));
   if (!moves) return;

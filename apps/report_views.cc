@@ -8,6 +8,7 @@
 #include "chart.h"
 #include "html_page.h"
 #include "nerf/base/error.h"
+#include "nerf/base/spread.h"
 #include "nerf/io/depth_image.h"
 #include "nerf/train/evaluation.h"
 #include "report_parts.h"
@@ -20,14 +21,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMostCameras = 2000;
-
-// Of n things `most`, spread evenly.
-std::vector<size_t> spread(size_t n, size_t most) {
-  const size_t take = std::min(n, most);
-  std::vector<size_t> out;
-  for (size_t i = 0; i < take; ++i) out.push_back((2 * i + 1) * n / (2 * take));
-  return out;
-}
 
 std::string picture(const char* part, const std::vector<uint8_t>& jpeg, const ViewPictures& of,
                     const std::string& caption) {
@@ -145,7 +138,7 @@ std::string views_part(const RunRecord& record, ThreadPool& pool,
   std::vector<size_t> with;
   for (size_t i = 0; i < record.views.size(); ++i)
     if (!record.views[i].picture.empty()) with.push_back(i);
-  const std::vector<size_t> chosen = spread(with.size(), kMostReportViews);
+  const std::vector<size_t> chosen = spread_evenly(with.size(), kMostReportViews);
   std::vector<std::string> shown(chosen.size()), failed(chosen.size());
   const std::filesystem::path folder = record.folder / "eval";
   const uint64_t bytes = chosen.empty() ? 0 : kMostPictureBytes / chosen.size();
@@ -194,7 +187,7 @@ std::string space_part(const RunRecord& record) {
   for (size_t i = 0; i < record.views.size(); ++i)
     if (record.views[i].scale == 1 && !record.views[i].picture.empty())
       targets[record.views[i].name] = i;
-  const std::vector<size_t> chosen = spread(info.views.size(), kMostCameras);
+  const std::vector<size_t> chosen = spread_evenly(info.views.size(), kMostCameras);
   std::vector<Pose> poses;
   std::vector<Vec3d> places;
   for (const size_t v : chosen) {

@@ -7,6 +7,7 @@
 #include "app.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/spread.h"
 #include "nerf/base/text.h"
 #include "run_json.h"
 
@@ -37,12 +38,9 @@ RunNotes notes_of(const Scene& scene) {
     line.clear();
   }
   notes.warnings = scene.report.warnings;
-  const size_t n = scene.points.size(), take = std::min(n, kMostPoints);
-  notes.points_total = static_cast<int64_t>(n);
-  for (size_t i = 0; i < take; ++i)
-    notes.points.push_back(
-        scene.to_engine.apply(scene.points[(2 * i + 1) * n / (2 * take)].position) /
-        scene.to_engine.scale);
+  notes.points_total = static_cast<int64_t>(scene.points.size());
+  for (const size_t i : spread_evenly(scene.points.size(), kMostPoints))
+    notes.points.push_back(scene.to_engine.apply(scene.points[i].position) / scene.to_engine.scale);
   return notes;
 }
 

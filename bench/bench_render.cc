@@ -9,6 +9,7 @@
 #include "app.h"
 #include "bench_commands.h"
 #include "nerf/base/file.h"
+#include "nerf/base/spread.h"
 #include "nerf/io/photos.h"
 #include "nerf/model/options_json.h"
 #include "nerf/model/renderer.h"
@@ -54,11 +55,9 @@ Scene held_out_scene(const fs::path& run, int most_views, std::optional<int> dow
   command.out = run;  // where poses of a folder of photos already are
   Scene scene = load_scene(command.scene, command.scene_options());
   const size_t n = scene.test.size();
-  const size_t most = static_cast<size_t>(most_views);
-  const size_t take = most > 0 ? std::min(n, most) : n;
   std::vector<View> views;
-  for (size_t i = 0; i < take; ++i)
-    views.push_back(scene.views[static_cast<size_t>(scene.test[(2 * i + 1) * n / (2 * take)])]);
+  for (const size_t i : spread_evenly(n, most_views > 0 ? static_cast<size_t>(most_views) : n))
+    views.push_back(scene.views[static_cast<size_t>(scene.test[i])]);
   scene.views = std::move(views);
   return scene;
 }

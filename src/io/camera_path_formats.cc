@@ -156,15 +156,15 @@ CameraPath read_pose_list(const PathSource& source) {
 
 CameraPath read_camera_path(const std::filesystem::path& file, const ModelInfo& info,
                             const PathReading& reading) {
-  const bool folder = internal::is_folder(file);
-  if (folder || internal::is_gltf(file)) {
+  const bool folder = internal::is_folder(file), gltf = !folder && is_gltf(file);
+  if (!gltf && !reading.camera.empty())
+    throw Error("only glTF files hold several cameras", "--path-camera", "leave it out");
+  if (folder || gltf) {
     CameraPath path = folder ? internal::read_nerfies_path(file, info)
                              : internal::read_gltf_path(file, info, reading);
     internal::place_path(path, file, reading.transform, info, false);
     return path;
   }
-  if (!reading.camera.empty())
-    throw Error("only glTF files hold several cameras", "--path-camera", "leave it out");
   const std::string text = read_text_file(file, internal::kMaxFileBytes);
   const std::string where = file.string();
   const nlohmann::json document = internal::parse_path_json(text, where);

@@ -37,9 +37,6 @@ CameraPath read_instant_ngp_path(const PathSource& source);
 // no times: of a model of several moments these pass once along the path.
 CameraPath read_nerfies_path(const std::filesystem::path& folder, const ModelInfo& info);
 
-// Whether a file is glTF, by its name or how it begins.
-bool is_gltf(const std::filesystem::path& file);
-
 // A camera of a glTF file, with its animation.
 CameraPath read_gltf_path(const std::filesystem::path& file, const ModelInfo& info,
                           const PathReading& reading);

@@ -15,6 +15,7 @@
 #include "nerf/base/nearest_name.h"
 #include "nerf/io/mesh_file.h"
 #include "nerf/math/camera_paths.h"
+#include "paths.h"
 #include "scene_limits.h"
 
 namespace nerf::internal {
@@ -43,7 +44,7 @@ std::optional<std::vector<double>> numbers_of(const tinygltf::Value& value, cons
   std::vector<double> numbers;
   for (size_t i = 0; i < list.ArrayLen(); ++i) {
     const tinygltf::Value& x = list.Get(static_cast<int>(i));
-    if (!x.IsNumber() || !(std::fabs(x.GetNumberAsDouble()) < 1e12)) return std::nullopt;
+    if (!x.IsNumber() || !(std::fabs(x.GetNumberAsDouble()) < kFarthestGltf)) return std::nullopt;
     numbers.push_back(x.GetNumberAsDouble());
   }
   return numbers;
@@ -70,6 +71,9 @@ class GltfPath {
   CameraPath read() {
     CameraPath path;
     path.notes = notes_;
+    if (!animation_.others().empty())
+      path.notes.push_back("of the animations of camera '" + camera_.name +
+                           "' these do not play: " + name_list(animation_.others()));
     const Camera lens = lens_of(model_.nodes[camera_.node]);
     const Similarity to_gltf = input_to_file();
     path.fps = frames_per_second();
@@ -91,7 +95,7 @@ class GltfPath {
       if (!animation_.empty()) animation_.pose(path.begin + share / path.fps, poses);
       PathFrame frame{fmt::format("{}_{:04}", prefix, i), lens, {}, 0};
       frame.camera_to_world =
-          to_gltf.apply_inverse(pose_of(nodes_.to_scene(poses)[camera_.node], i));
+          to_gltf.apply_inverse(pose_of(nodes_.to_scene(camera_.node, poses), i));
       // The file says nothing of the scene's times: what moves does so once along the path.
       if (timed) frame.time = share / static_cast<double>(frames - 1);
       path.frames.push_back(std::move(frame));
@@ -122,20 +126,23 @@ class GltfPath {
     std::vector<std::string> names;
     for (const NamedCamera& c : cameras) names.push_back(c.name);
     if (!reading_.camera.empty()) {
-      for (const NamedCamera& c : cameras) {
-        const auto of = static_cast<size_t>(model_.nodes[c.node].camera);
-        if (c.name == printable(reading_.camera) || model_.cameras[of].name == reading_.camera)
+      for (const NamedCamera& c : cameras)
+        if (c.name == printable(reading_.camera)) return c;
+      // Else by the name of its lens, which Blender gives another.
+      for (const NamedCamera& c : cameras)
+        if (model_.cameras[static_cast<size_t>(model_.nodes[c.node].camera)].name ==
+            reading_.camera)
           return c;
-      }
       throw Error("there is no camera '" + printable(reading_.camera) + "' in " + file_.string(),
                   "--path-camera", nearest_name_hint(reading_.camera, names));
     }
     const std::vector<char> moved = nodes_.with_all_below(driven_nodes(model_));
     const auto found =
         std::ranges::find_if(cameras, [&](const NamedCamera& c) { return moved[c.node] != 0; });
-    const NamedCamera camera = found == cameras.end() ? cameras.front() : *found;
+    const auto shown = found == cameras.end() ? cameras.begin() : found;
+    const NamedCamera camera = *shown;
     if (cameras.size() > 1) {
-      std::erase(names, camera.name);
+      names.erase(names.begin() + (shown - cameras.begin()));
       notes_.push_back("of the file's cameras '" + camera.name + "' is shown, not " +
                        name_list(names) + " (--path-camera NAME shows another)");
     }
@@ -194,7 +201,8 @@ class GltfPath {
     return camera;
   }
 
-  // Camera-to-scene. Scales above a camera do not count (section 3.10 of glTF 2.0).
+  // Camera-to-scene. Scales above a camera move it and do not change what it shows (section 3.10 of
+  // glTF 2.0).
   Pose pose_of(const GltfTransform& to_scene, size_t frame) const {
     Pose pose;
     pose.translation = to_scene.offset;
@@ -260,15 +268,20 @@ class GltfPath {
 
 }  // namespace
 
-bool is_gltf(const fs::path& file) {
-  if (file.extension() == ".gltf" || file.extension() == ".glb") return true;
-  char magic[4] = {};
-  std::ifstream(file, std::ios::binary).read(magic, 4);
-  return std::string_view(magic, 4) == "glTF";
-}
-
 CameraPath read_gltf_path(const fs::path& file, const ModelInfo& info, const PathReading& reading) {
   return GltfPath(file, info, reading).read();
 }
 
 }  // namespace nerf::internal
+
+namespace nerf {
+
+bool is_gltf(const std::filesystem::path& file) {
+  const std::string extension = internal::lower_extension(file);
+  if (extension == ".gltf" || extension == ".glb") return true;
+  char magic[4] = {};
+  std::ifstream(file, std::ios::binary).read(magic, 4);
+  return std::string_view(magic, 4) == "glTF";
+}
+
+}  // namespace nerf

@@ -20,7 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kFarthest = 1e12;
 constexpr size_t kMostNumbers = 50'000'000;  // of all curves: samplers may share an accessor
 
 std::optional<KeyPath> path_named(const std::string& name) {
@@ -33,10 +32,6 @@ std::optional<KeyPath> path_named(const std::string& name) {
 
 std::string name_of(const tinygltf::Animation& animation, size_t index) {
   return animation.name.empty() ? fmt::format("{}", index) : printable(animation.name);
-}
-
-double norm_of(std::span<const double> q) {
-  return std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
 }
 
 class CurveReader {
@@ -68,7 +63,7 @@ class CurveReader {
     for (size_t i = 0; i < output.count(); ++i)
       for (int k = 0; k < output.components(); ++k) {
         values.push_back(output.number(i, k));
-        if (!(std::fabs(values.back()) < kFarthest))
+        if (!(std::fabs(values.back()) < kFarthestGltf))
           fail(fmt::format("output {} is not finite", i));
       }
     if (path == KeyPath::kTurn) make_unit(values, parts);
@@ -111,7 +106,7 @@ class CurveReader {
     const size_t middle = parts == 3 ? 4 : 0;
     for (size_t i = middle; i < values.size(); i += 4 * parts) {
       const std::span<double> q(values.data() + i, 4);
-      const double norm = norm_of(q);
+      const double norm = quaternion_norm(q);
       if (!(norm > 1e-6)) fail(fmt::format("key {} has a rotation that is none", i / (4 * parts)));
       // Slopes stay as they are: quaternions in files are rounded, not scaled.
       for (double& x : q) x /= norm;
@@ -157,7 +152,7 @@ void KeyCurve::at(double seconds, std::span<double> out) const {
       out[k] = (2 * u3 - 3 * u2 + 1) * from[k] + span * (u3 - 2 * u2 + u) * leaving[k] +
                (3 * u2 - 2 * u3) * to[k] + span * (u3 - u2) * arriving[k];
     if (!turns_) return;
-    const double norm = norm_of(out);
+    const double norm = quaternion_norm(out);
     for (size_t k = 0; k < 4; ++k) out[k] = norm > 1e-9 ? out[k] / norm : from[k];
   } else if (turns_) {
     const Quaternion q =

@@ -12,8 +12,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kFarthest = 1e12;  // of a transform's numbers
-
 [[noreturn]] void fail(const fs::path& path, const std::string& what) {
   throw Error(what, path.string(), "export the file again");
 }
@@ -23,14 +21,14 @@ NodePose pose_of(const tinygltf::Node& node, size_t index, const fs::path& path)
                            std::vector<double> otherwise) {
     if (given.empty()) return otherwise;
     bool good = given.size() == n;
-    for (const double x : given) good = good && std::fabs(x) < kFarthest;
+    for (const double x : given) good = good && std::fabs(x) < kFarthestGltf;
     if (!good) fail(path, fmt::format("node {} has a transform that is none", index));
     return given;
   };
   NodePose pose;
   pose.weights = node.weights;
   for (const double w : pose.weights)
-    if (!(std::fabs(w) < kFarthest))
+    if (!(std::fabs(w) < kFarthestGltf))
       fail(path, fmt::format("node {} has a weight that is no number", index));
   if (!node.matrix.empty()) {
     const auto m = numbers(node.matrix, 16, {});
@@ -40,8 +38,7 @@ NodePose pose_of(const tinygltf::Node& node, size_t index, const fs::path& path)
   const auto move = numbers(node.translation, 3, {0, 0, 0});
   const auto turn = numbers(node.rotation, 4, {0, 0, 0, 1});
   const auto scale = numbers(node.scale, 3, {1, 1, 1});
-  const double norm =
-      std::sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]);
+  const double norm = quaternion_norm(turn);
   if (!(norm > 0)) fail(path, fmt::format("node {} has a rotation that is none", index));
   pose.move = {move[0], move[1], move[2]};
   pose.turn = {turn[3] / norm, turn[0] / norm, turn[1] / norm, turn[2] / norm};
@@ -137,6 +134,13 @@ std::vector<GltfTransform> GltfNodes::to_scene(std::span<const NodePose> poses) 
     if (parent_[i] >= 0) to_scene[i] = to_scene[static_cast<size_t>(parent_[i])] * to_scene[i];
   }
   return to_scene;
+}
+
+GltfTransform GltfNodes::to_scene(size_t node, std::span<const NodePose> poses) const {
+  GltfTransform transform = poses[node].transform();
+  for (int i = parent_[node]; i >= 0; i = parent_[static_cast<size_t>(i)])
+    transform = poses[static_cast<size_t>(i)].transform() * transform;
+  return transform;
 }
 
 void GltfNodes::mark_line(size_t node, std::vector<char>& marked) const {

@@ -3,6 +3,7 @@
 
 #include <tiny_gltf.h>
 
+#include <cmath>
 #include <filesystem>
 #include <optional>
 #include <span>
@@ -12,6 +13,14 @@
 #include "nerf/math/vec.h"
 
 namespace nerf::internal {
+
+inline constexpr double kFarthestGltf = 1e12;  // of any of a file's numbers
+
+// Length of a quaternion as files write it, x y z w.
+template <class Numbers>
+double quaternion_norm(const Numbers& q) {
+  return std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+}
 
 // x -> linear * x + offset.
 struct GltfTransform {
@@ -59,6 +68,8 @@ class GltfNodes {
   const std::vector<NodePose>& rest() const { return rest_; }
   // From each node's coordinates to the scene's.
   std::vector<GltfTransform> to_scene(std::span<const NodePose> poses) const;
+  // The same of one node.
+  GltfTransform to_scene(size_t node, std::span<const NodePose> poses) const;
   // Marks a node and all that it hangs on.
   void mark_line(size_t node, std::vector<char>& marked) const;
   // Marks what hangs on marked nodes too.

@@ -23,6 +23,9 @@ using internal::GltfNumbers;
 using internal::ObjectShape;
 
 constexpr size_t kMostTriangles = 50'000'000;
+// Of what moves vertices: targets and sets of joints may share an accessor, so that a small file
+// could ask for any memory.
+constexpr size_t kMostMoves = 50'000'000;
 constexpr const char* kHint = "export the object again";
 
 class ObjectReader {
@@ -75,7 +78,7 @@ class ObjectReader {
     return true;
   }
 
-  // Of one that moves triangles without an area may get one.
+  // Of one that moves triangles without an area may get one, of its nodes or by bending.
   void drop_degenerate(bool moves) {
     SceneObject& o = out_.object;
     size_t kept = 0, in_file = 0;
@@ -85,14 +88,14 @@ class ObjectReader {
     for (const internal::ObjectPart& part : shape_->parts)
       for (size_t i = part.first_triangle; i < part.first_triangle + part.triangles; ++i) {
         const TriangleMesh::Triangle t = o.mesh.triangles[i];
+        const auto in_file_at = [&](uint32_t v) {
+          return part.positions[v - part.first_vertex].template cast<double>();
+        };
+        const auto posed_at = [&](uint32_t v) {
+          return o.mesh.positions[v].template cast<double>();
+        };
         const bool good =
-            moves
-                ? area(t,
-                       [&](uint32_t v) {
-                         return part.positions[v - part.first_vertex].template cast<double>();
-                       }) > 0
-                : area(t, [&](uint32_t v) { return o.mesh.positions[v].template cast<double>(); }) >
-                      0;
+            moves ? !part.targets.empty() || area(t, in_file_at) > 0 : area(t, posed_at) > 0;
         in_file += !good;
         if (!good && !moves) continue;
         o.mesh.triangles[kept] = t;
@@ -128,7 +131,7 @@ class ObjectReader {
                            skin.joints.size()));
         for (size_t j = 0; j < skin.joints.size(); ++j) {
           for (int k = 0; k < 16; ++k)
-            if (!(std::fabs(numbers.number(j, k)) < 1e12))
+            if (!(std::fabs(numbers.number(j, k)) < internal::kFarthestGltf))
               fail(fmt::format("{}: matrix {} is not finite", use, j));
           skin.inverse_bind[j] = internal::gltf_matrix([&](int k) { return numbers.number(j, k); });
         }
@@ -148,7 +151,8 @@ class ObjectReader {
       part.node = node;
       part.weights = mesh.weights;
       for (const double w : part.weights)
-        if (!(std::fabs(w) < 1e12)) fail(fmt::format("mesh {}: a weight is not finite", index));
+        if (!(std::fabs(w) < internal::kFarthestGltf))
+          fail(fmt::format("mesh {}: a weight is not finite", index));
       if (mesh.primitives[p].targets.size() != mesh.primitives[0].targets.size())
         fail(part.what + ": has another number of morph targets than primitive 0");
       add_primitive(mesh.primitives[p], part);
@@ -215,8 +219,15 @@ class ObjectReader {
     shape_->parts.push_back(std::move(part));
   }
 
-  void add_targets(const tinygltf::Primitive& primitive, internal::ObjectPart& part) const {
+  // Before memory for them is asked for.
+  void count_moves(size_t more) {
+    moves_ += more;
+    if (moves_ > kMostMoves) fail("more morphed or skinned vertices than an object can have here");
+  }
+
+  void add_targets(const tinygltf::Primitive& primitive, internal::ObjectPart& part) {
     const size_t n = part.positions.size();
+    count_moves(n * primitive.targets.size());
     for (size_t k = 0; k < primitive.targets.size(); ++k) {
       const std::string what = fmt::format("{}, target {}", part.what, k);
       const auto positions = attribute(primitive.targets[k], "POSITION", what, 3, 3, n, true);
@@ -225,14 +236,16 @@ class ObjectReader {
       for (size_t i = 0; i < n; ++i) {
         const Vec3d p = positions ? positions->vector(i) : Vec3d();
         const Vec3d v = normals ? normals->vector(i) : Vec3d();
-        if (p != Vec3d() || v != Vec3d())
-          target.moves.push_back({static_cast<uint32_t>(i), p.cast<Real>(), v.cast<Real>()});
+        if (!(length(p) < internal::kFarthestGltf) || !(length(v) < internal::kFarthestGltf))
+          fail(fmt::format("{}: element {} is not finite", what, i));
+        if (p == Vec3d() && v == Vec3d()) continue;
+        target.moves.push_back({static_cast<uint32_t>(i), p.cast<Real>(), v.cast<Real>()});
       }
       part.targets.push_back(std::move(target));
     }
   }
 
-  void add_influences(const tinygltf::Primitive& primitive, internal::ObjectPart& part) const {
+  void add_influences(const tinygltf::Primitive& primitive, internal::ObjectPart& part) {
     const int skin = model_.nodes[part.node].skin;
     if (skin < 0 || !primitive.attributes.contains("JOINTS_0")) return;
     if (static_cast<size_t>(skin) >= shape_->skins.size())
@@ -249,6 +262,7 @@ class ObjectReader {
       joints.push_back(*j);
       weights.push_back(*w);
     }
+    count_moves(4 * n * joints.size());
     part.skin = skin;
     const size_t known = shape_->skins[static_cast<size_t>(skin)].joints.size();
     for (size_t i = 0; i < n; ++i) {
@@ -256,7 +270,7 @@ class ObjectReader {
       for (const GltfNumbers& set : weights)
         for (int k = 0; k < 4; ++k) {
           const double w = set.number(i, k);
-          if (!(w >= 0 && w < 1e12))
+          if (!(w >= 0 && w < internal::kFarthestGltf))
             fail(fmt::format("{}: vertex {} has a weight of {:g}", part.what, i, w));
           sum += w;
         }
@@ -316,6 +330,7 @@ class ObjectReader {
   ReadObject out_;
   std::unique_ptr<ObjectShape> shape_;
   bool no_uv_ = true, no_colours_ = true;
+  size_t moves_ = 0;  // of all targets and influences
 };
 
 }  // namespace

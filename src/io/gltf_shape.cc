@@ -84,24 +84,27 @@ void ObjectShape::pose_part(const std::vector<NodePose>& poses,
   }
   const size_t each = part.influences.size() / std::max<size_t>(1, positions.size());
   GltfTransform transform = to_scene[part.node];
-  bool mirrored = transform.mirrors();
   Mat3d turn = transform.of_normals();
+  bool mirrors = transform.mirrors();
+  size_t mirrored_vertices = 0;
   for (size_t i = 0; i < positions.size(); ++i) {
     if (part.skin >= 0) {
       transform = blended(joints, std::span(part.influences).subspan(i * each, each));
-      if (i == 0) mirrored = transform.mirrors();
       turn = transform.of_normals();
+      mirrors = transform.mirrors();
     }
+    mirrored_vertices += mirrors;
     const Vec3d p = transform * positions[i].cast<double>();
     if (!(length(p) < 1e15))
       throw Error(fmt::format("{}: position {} is not finite", part.what, i), path_.string(),
                   "export the file again");
     mesh.positions[part.first_vertex + i] = p.cast<Real>();
-    const double side = (part.skin >= 0 ? transform.mirrors() : mirrored) ? -1 : 1;
-    const Vec3d v = turn * normals[i].cast<double>() * side;
+    const Vec3d v = turn * normals[i].cast<double>() * (mirrors ? -1 : 1);
     mesh.normals[part.first_vertex + i] =
         std::isfinite(length(v)) ? normalized(v).cast<Real>() : Vec3();
   }
+  // Blends of turns may mirror a few vertices of a skin.
+  const bool mirrored = 2 * mirrored_vertices > positions.size();
   if (mirrored == part.mirrored) return;
   part.mirrored = mirrored;
   for (size_t t = part.first_triangle; t < part.first_triangle + part.triangles; ++t)

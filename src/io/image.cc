@@ -9,6 +9,7 @@
 #include "image_decode.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "paths.h"
 
 namespace nerf {
 namespace {
@@ -16,10 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string writer_for(const fs::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) {
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  }
+  const std::string extension = internal::lower_extension(path);
   if (extension == ".png") return "png";
   if (extension == ".jpg" || extension == ".jpeg") return "jpeg";
   throw Error("cannot write an image of type '" + extension + "'", path.string(),

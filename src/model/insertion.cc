@@ -75,14 +75,20 @@ struct Insertion::Impl {
   Vec3d centre;
   double radius = 0;
   Environment around;
-  Vec3 sky;                     // sRGB, behind the field where it is mirrored
-  std::vector<Real> openness;   // of each vertex
-  std::vector<Vec3> open_mesh;  // positions that it was found for, where it moves
+  Vec3 sky;                    // sRGB, behind the field where it is mirrored
+  std::vector<Real> openness;  // of each vertex
+  // Where it moves: of its first shape, to which what only moves comes back, whatever was between.
+  std::vector<Real> first_openness;
+  std::vector<Vec3> first_shape;
 
   Impl(const RadianceField& field, SceneObject given, const InsertionOptions& insertion,
        const RenderOptions& render, ThreadPool& pool)
       : field(field), object(std::move(given)), options(insertion) {
     stand(render, pool);
+    if (options.moves && !bvh.empty()) {
+      first_openness = openness;
+      first_shape = object.mesh.positions;
+    }
     if (bvh.empty() && !options.moves)
       throw Error("the object has no triangle with an area", "--insert");
   }
@@ -100,9 +106,9 @@ struct Insertion::Impl {
     const Vec3d size = bvh.box().size();
     const double near = 0.45 * std::min({size.x, size.y, size.z});
     if (options.field_light) around = internal::environment_of(field, centre, near, looking, pool);
-    if (internal::same_shape(open_mesh, object.mesh.positions)) return;
-    openness = internal::vertex_openness(object, bvh, radius, pool);
-    if (options.moves) open_mesh = object.mesh.positions;
+    openness = internal::same_shape(first_shape, object.mesh.positions)
+                   ? first_openness
+                   : internal::vertex_openness(object, bvh, radius, pool);
   }
 
   double open_at(const TriangleHit& hit) const {

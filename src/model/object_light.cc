@@ -178,7 +178,8 @@ double transmitted(const SceneObject& object, const TriangleBvh& bvh, const Vec3
   return light;
 }
 
-// Distances from four points tell.
+// Distances from four corners of a tetrahedron tell, up to a mirror image, which lets as much light
+// in: the first point, the farthest from it, from their line, and from the plane of these.
 bool same_shape(std::span<const Vec3> a, std::span<const Vec3> b) {
   const size_t n = a.size();
   if (n == 0 || b.size() != n) return false;
@@ -192,7 +193,20 @@ bool same_shape(std::span<const Vec3> a, std::span<const Vec3> b) {
   }
   if (!(from > 0) || !(to > 0)) return false;
   const double scale = to / from, tolerance = 1e-3 * to / static_cast<double>(n);
-  for (const size_t j : {size_t{0}, n / 3, 2 * n / 3, n - 1})
+  size_t corners[4] = {};
+  const auto edge = [&](size_t i) { return a[i].cast<double>() - a[0].cast<double>(); };
+  const auto farthest = [&](const auto& measure) {
+    size_t best = 0;
+    for (size_t i = 1; i < n; ++i)
+      if (measure(i) > measure(best)) best = i;
+    return best;
+  };
+  corners[1] = farthest([&](size_t i) { return length(edge(i)); });
+  const Vec3d along = edge(corners[1]);
+  corners[2] = farthest([&](size_t i) { return length(cross(edge(i), along)); });
+  const Vec3d normal = cross(along, edge(corners[2]));
+  corners[3] = farthest([&](size_t i) { return std::fabs(dot(edge(i), normal)); });
+  for (const size_t j : corners)
     for (size_t i = 0; i < n; ++i)
       if (!(std::fabs(distance(b, i, j) - scale * distance(a, i, j)) <= tolerance)) return false;
   return true;

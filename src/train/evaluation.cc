@@ -9,6 +9,7 @@
 
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
+#include "nerf/base/spread.h"
 #include "nerf/base/text.h"
 #include "nerf/io/depth_image.h"
 #include "nerf/model/field.h"
@@ -21,12 +22,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Some of the views, spread evenly.
+// Some of the views, spread evenly; 0: all.
 std::vector<int> chosen(const std::vector<int>& views, int most) {
-  const size_t n = views.size();
-  const size_t take = most > 0 ? std::min(n, static_cast<size_t>(most)) : n;
   std::vector<int> out;
-  for (size_t i = 0; i < take; ++i) out.push_back(views[(2 * i + 1) * n / (2 * take)]);
+  for (const size_t i :
+       spread_evenly(views.size(), most > 0 ? static_cast<size_t>(most) : views.size()))
+    out.push_back(views[i]);
   return out;
 }
 

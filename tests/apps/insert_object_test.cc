@@ -58,7 +58,7 @@ TEST(InsertOptions, CombinationsAreChecked) {
 }
 
 TEST(PlayedTime, GoesRoundBetweenTheKeysOrStaysAtTheLast) {
-  EXPECT_EQ(played_time(0.5, 1, 3, true), 0.5);  // before the first key
+  EXPECT_EQ(played_time(0.5, 1, 3, true), 1);  // before the first key
   EXPECT_EQ(played_time(3, 1, 3, true), 3);
   EXPECT_EQ(played_time(3.5, 1, 3, true), 1.5);
   EXPECT_EQ(played_time(8, 1, 3, true), 2);

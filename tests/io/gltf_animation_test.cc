@@ -66,5 +66,21 @@ TEST(KeyCurve, CubicTurnsAreUnit) {
   EXPECT_NEAR(q[3], w / norm, 1e-12);
 }
 
+// Hermite's basis at 1/4, for a second that lasts 2: slopes count twice.
+TEST(KeyCurve, SlopesOfCubicTurnsCount) {
+  const double s = std::sqrt(0.5), m0 = 0.3, m1 = -0.2;
+  const KeyCurve curve({0, 2}, {0, 0,  0, 0, 0, 0, 0, 1, 0, m0, 0, 0,  //
+                                0, m1, 0, 0, 0, 0, s, s, 0, 0,  0, 0},
+                       Shape::kCubic, true);
+  const double u = 0.25, uu = u * u, uuu = uu * u;
+  const double a = 2 * uuu - 3 * uu + 1, b = 3 * uu - 2 * uuu;
+  const double y = 2 * ((uuu - 2 * uu + u) * m0 + (uuu - uu) * m1), z = b * s, w = a + b * s;
+  const double norm = std::sqrt(y * y + z * z + w * w);
+  const auto q = at(curve, 0.5);
+  EXPECT_NEAR(q[1], y / norm, 1e-12);
+  EXPECT_NEAR(q[2], z / norm, 1e-12);
+  EXPECT_NEAR(q[3], w / norm, 1e-12);
+}
+
 }  // namespace
 }  // namespace nerf::internal

@@ -107,6 +107,18 @@ TEST_F(ObjectMotionTest, ASkinBends) {
   }
 }
 
+// Of eight joints to a vertex the fifth counts as any other.
+TEST_F(ObjectMotionTest, ASecondSetOfJointsCounts) {
+  SomeGltf gltf;
+  gltf.add_skin({1, 0, 0, 0, 0.5f, 0, 0, 0, 1, 0, 0, 0});
+  auto& attributes = gltf.primitive()["attributes"];
+  attributes["JOINTS_1"] =
+      gltf.add(std::vector<uint8_t>{0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0}, 5121, 3, "VEC4");
+  attributes["WEIGHTS_1"] = gltf.add_floats({0, 0, 0, 0, 0.5f, 0, 0, 0, 0, 0, 0, 0}, "VEC4");
+  gltf.json["nodes"][2]["translation"] = {0, 1, 4};
+  EXPECT_EQ(corner(read(gltf).object.mesh, 1), (Vec3d{1, 0, 2}));
+}
+
 TEST_F(ObjectMotionTest, ASkinCountsAtRestToo) {
   SomeGltf gltf;
   gltf.add_skin({1, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0});
@@ -144,6 +156,18 @@ TEST_F(ObjectMotionTest, MorphTargetsAreAdded) {
   o.motion->pose(0.5, o.object.mesh);
   EXPECT_EQ(corner(o.object.mesh, 2), (Vec3d{7, 1, 1.5}));
   EXPECT_EQ(corner(o.object.mesh, 1), (Vec3d{1, 0, 1}));
+}
+
+TEST_F(ObjectMotionTest, AMorphTargetOpensWhatIsFlat) {
+  SomeGltf gltf;
+  gltf.primitive()["attributes"]["POSITION"] = gltf.add_floats({2, 0, 0, 2, 0, 0, 2, 0, 0}, "VEC3");
+  gltf.primitive()["targets"] = {
+      {{"POSITION", gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3")}}};
+  gltf.animate(0, "weights", {0, 1}, {0, 1}, "SCALAR");
+  ReadObject o = read(gltf);
+  ASSERT_TRUE(o.motion);
+  o.motion->pose(1, o.object.mesh);
+  EXPECT_EQ(corner(o.object.mesh, 1), (Vec3d{3, 0, 0}));
 }
 
 // What grows from nothing keeps its triangles, and what turns inside out their outside.
@@ -255,6 +279,18 @@ TEST_F(ObjectMotionTest, SaysWhatIsWrong) {
   const auto weights = [](SomeGltf& g) -> Json& {
     return g.primitive()["attributes"]["WEIGHTS_0"];
   };
+  expect("target 0: element 1 is not finite", [](SomeGltf& g) {
+    const int target = g.add_floats({0, 0, 0, kNan, 0, 0, 0, 0, 0}, "VEC3");
+    g.primitive()["targets"] = {{{"POSITION", target}}};
+  });
+  expect("more morphed or skinned vertices", [](SomeGltf& g) {
+    const size_t n = 100'000;
+    g = SomeGltf();
+    g.primitive()["attributes"] = {
+        {"POSITION", g.add_floats(std::vector<float>(3 * n, 1), "VEC3")}};
+    const int moved = g.add_floats(std::vector<float>(3 * n, 1), "VEC3");
+    for (int i = 0; i < 501; ++i) g.primitive()["targets"].push_back({{"POSITION", moved}});
+  });
   expect("weights are all zero", [&](SomeGltf& g) {
     weights(g) = g.add_floats({1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0}, "VEC4");
   });

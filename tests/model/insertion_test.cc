@@ -201,6 +201,16 @@ TEST(SameShape, IsOneThatOnlyMoves) {
   EXPECT_FALSE(internal::same_shape(a, b));
   EXPECT_FALSE(internal::same_shape(a, std::span(a).first(8)));
   EXPECT_FALSE(internal::same_shape({}, {}));
+  // A plate whose bump goes through to the other side; first, middle and last points in its plane.
+  std::vector<Vec3> plate;
+  for (int i = 0; i < 25; ++i)
+    plate.push_back({static_cast<Real>(i % 5), static_cast<Real>(i / 5), 0.0_r});
+  std::vector<Vec3> other = plate;
+  plate[7].z = 0.5_r;
+  other[7].z = 0.5_r;
+  plate[18].z = 0.4_r;
+  other[18].z = -0.4_r;
+  EXPECT_FALSE(internal::same_shape(plate, other));
   EXPECT_FALSE(internal::same_shape(a, std::vector<Vec3>(a.size())));
 }
 
@@ -235,6 +245,18 @@ TEST(Insertion, MovesWithoutATrace) {
   EXPECT_EQ(picture(&moved).rgb, picture(nullptr).rgb);
   moved.move(box({0, 0, 0}).mesh, options, pool);
   EXPECT_EQ(picture(&moved).rgb, at_first.rgb);
+  // Bent a little and a little more, as if it had always been so: whatever was between.
+  const auto bent = [&](Real by) {
+    SceneObject object = box({0, 0, 0});
+    for (Vec3& p : object.mesh.positions) p.z += by * p.x * p.x;
+    return object;
+  };
+  const Frame expected = [&] {
+    const Insertion fresh(field, bent(0.5_r), {}, options, pool);
+    return picture(&fresh);
+  }();
+  for (const Real by : {0.499_r, 0.5_r}) moved.move(bent(by).mesh, options, pool);
+  EXPECT_EQ(picture(&moved).rgb, expected.rgb);
 }
 
 TEST(Insertion, HasTheSameBitsForAnyThreads) {

@@ -72,27 +72,38 @@ class DrawnBatch {
   std::vector<std::vector<Real>> drawn_;
 };
 
+// A moving sphere after some steps, in float32; every sample goes back that has a gradient.
+struct TrainedSphere {
+  TrainedSphere(TrainOptions options, int steps)
+      : trainer(capture.scene, capture.photos, all_go_back(std::move(options)), pool) {
+    for (int i = 0; i < steps; ++i) trainer.step();
+  }
+  static TrainOptions all_go_back(TrainOptions o) {
+    o.grid_recipe.stop_transmittance = 0;
+    o.grid_recipe.gradient_roulette = 0;
+    o.precision = Precision::kF32;
+    return o;
+  }
+  test::SyntheticCapture capture = moving_sphere(5, 24);
+  ThreadPool pool{2};
+  Trainer trainer;
+};
+
 // Of the whole chain: loss, networks, lookup, warp, code of the moment.
 void compare_gradient(Deform deform) {
-  auto c = moving_sphere(5, 24);
   TrainOptions o = moving_options(1000, deform);
   // Coarse cells, so that few samples cross a border within the differences' step; every sample of
-  // a ray has its own colour and goes back.
+  // a ray has its own colour.
   o.grid.levels = 2;
   o.grid.base_resolution = 4;
   o.grid.finest_resolution = 8;
   o.grid_recipe.shared_colour = 0;
-  o.grid_recipe.stop_transmittance = 0;
-  o.grid_recipe.gradient_roulette = 0;
   o.grid_recipe.motion.ambient = 1;
-  o.precision = Precision::kF32;
-  ThreadPool pool(2);
-  Trainer trainer(c.scene, c.photos, o, pool);
-  for (int i = 0; i < 40; ++i) trainer.step();
-  GridTrainer& t = grid_of(trainer);
+  TrainedSphere sphere(o, 40);
+  GridTrainer& t = grid_of(sphere.trainer);
   DrawnBatch batch(t);
   batch.loss();
-  t.dense->reduce(1, pool);
+  t.dense->reduce(1, sphere.pool);
   MotionNetworks motion = t.field.motion;
   std::vector<size_t> tried;
   for (const LinearWeights* w : motion.layers()) {
@@ -155,20 +166,14 @@ double moved_light(GridTrainer& t) {
 }
 
 TEST(Motion, LossOnHowFarMatterIsMoved) {
-  auto c = moving_sphere(5, 24);
   TrainOptions o = moving_options(1000, Deform::kSe3);
-  o.grid_recipe.gradient_roulette = 0;
-  o.grid_recipe.stop_transmittance = 0;
   o.grid_recipe.motion.offset = 0.5;
-  o.precision = Precision::kF32;
-  ThreadPool pool(2);
-  Trainer trainer(c.scene, c.photos, o, pool);
-  for (int i = 0; i < 20; ++i) trainer.step();
-  GridTrainer& t = grid_of(trainer);
+  TrainedSphere sphere(o, 20);
+  GridTrainer& t = grid_of(sphere.trainer);
   DrawnBatch batch(t);
   const auto gradient = [&] {
     const double loss = batch.loss();
-    t.dense->reduce(1, pool);
+    t.dense->reduce(1, sphere.pool);
     return std::pair(loss, std::vector<Real>(t.dense->gradient.begin(), t.dense->gradient.end()));
   };
   const auto [pulled_loss, pulled] = gradient();

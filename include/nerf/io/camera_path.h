@@ -38,6 +38,9 @@ inline auto option_names(PictureKind) {
                     OptionName{PictureKind::kOds, "ods"}, OptionName{PictureKind::kVr180, "vr180"}};
 }
 
+// Whether a file is glTF, by its name or how it begins.
+bool is_gltf(const std::filesystem::path& file);
+
 struct CameraPath {
   std::vector<PathFrame> frames;
   PictureKind picture = PictureKind::kPerspective;  // else cameras are panoramas, of one eye
