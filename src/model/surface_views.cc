@@ -6,6 +6,7 @@
 #include <limits>
 #include <string>
 
+#include "model/field_integrator.h"
 #include "model/oblique_box.h"
 #include "nerf/base/error.h"
 #include "nerf/model/grid_field.h"
@@ -162,8 +163,12 @@ DepthPicture depth_picture(const RadianceField& field, const SurfaceCamera& came
   view.depth.assign(pixels, DepthView::kUnknown);
   picture.spread.assign(pixels, 0.0f);
   const PictureRays rays(field, camera, view, box ? &*box : nullptr, options.render.time);
-  const RayResults seen = integrate(field, rays.rays(), {.percentiles = true}, options.render,
-                                    work.pool, {}, work.cancel);
+  // Neither colours are looked at nor what lies behind the last percentile.
+  RenderOptions render = options.render;
+  render.unshaded = 2;
+  render.stop_transmittance = static_cast<Real>(std::min(0.98 * (1 - kFarShare), 1 - options.opaque));
+  const RayResults seen = integrate(field, rays.rays(), {.percentiles = true}, render, work.pool,
+                                    {}, work.cancel);
   const Vec3d axis = camera.to_engine.rotation.column(2);
   for (size_t i = 0; i < rays.rays().size(); ++i) {
     const size_t at = rays.pixels()[i];
