@@ -40,7 +40,8 @@ bool radially_monotonic(const Lens& lens, double s) {
 
 // Solves distort(uv) = target from *uv, all in the normalised plane.
 bool newton(const Lens& lens, const Vec2d& target, Vec2d* uv) {
-  const double scale = 1 + std::hypot(target.x, target.y);
+  const double scale = 1 + std::sqrt(target.x * target.x + target.y * target.y);
+  const double least = 1e-14 * scale;
   Vec2d at = *uv;
   for (int iteration = 0; iteration < 40; ++iteration) {
     const Distorted d = distort(lens, at);
@@ -52,7 +53,7 @@ bool newton(const Lens& lens, const Vec2d& target, Vec2d* uv) {
     at.x -= du;
     at.y -= dv;
     if (!std::isfinite(at.x) || !std::isfinite(at.y)) return false;
-    if (std::hypot(du, dv) <= 1e-14 * scale) {
+    if (du * du + dv * dv <= least * least) {
       *uv = at;
       return true;
     }
@@ -64,17 +65,33 @@ bool newton(const Lens& lens, const Vec2d& target, Vec2d* uv) {
   return true;
 }
 
-bool one_to_one_at(const Lens& lens, const Vec2d& uv) {
-  return radially_monotonic(lens, uv.x * uv.x + uv.y * uv.y) && distort(lens, uv).det() > 0;
-}
+// Where a lens is one-to-one. Remembers how far out it rises, for the pixels that follow.
+class OneToOne {
+ public:
+  explicit OneToOne(const Lens& lens) : lens_(lens) {}
+  bool at(const Vec2d& uv) {
+    const double s = uv.x * uv.x + uv.y * uv.y;
+    if (!(s <= rises_to_)) {
+      if (!radially_monotonic(lens_, s)) return false;
+      // A second pixel will not be the last.
+      const bool further = rises_to_ >= 0 && radially_monotonic(lens_, 1.5 * s);
+      rises_to_ = further ? 1.5 * s : s;
+    }
+    return distort(lens_, uv).det() > 0;
+  }
 
-std::optional<Vec2d> undistort(const Lens& lens, const Vec2d& target) {
+ private:
+  const Lens& lens_;
+  double rises_to_ = -1;
+};
+
+std::optional<Vec2d> undistort(const Lens& lens, const Vec2d& target, OneToOne& one_to_one) {
   if (!lens.distorted) {
     if (lens.fisheye && !(std::hypot(target.x, target.y) < kPi)) return std::nullopt;
     return target;
   }
   Vec2d uv = target;
-  if (newton(lens, target, &uv) && one_to_one_at(lens, uv)) return uv;
+  if (newton(lens, target, &uv) && one_to_one.at(uv)) return uv;
   // Followed from the axis outwards, the solution stays on the branch that starts there.
   constexpr int kSteps = 32;
   uv = {0, 0};
@@ -82,7 +99,7 @@ std::optional<Vec2d> undistort(const Lens& lens, const Vec2d& target) {
     const double t = static_cast<double>(i) / kSteps;
     if (!newton(lens, {target.x * t, target.y * t}, &uv)) return std::nullopt;
   }
-  if (!one_to_one_at(lens, uv)) return std::nullopt;
+  if (!one_to_one.at(uv)) return std::nullopt;
   return uv;
 }
 
@@ -136,7 +153,7 @@ std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction) {
     const double ratio = fov_distorted_ratio(std::abs(camera.params[4]), std::hypot(uv.x, uv.y));
     pq = {uv.x * ratio, uv.y * ratio};
   } else if (lens.distorted) {
-    if (!one_to_one_at(lens, uv)) return std::nullopt;
+    if (!OneToOne(lens).at(uv)) return std::nullopt;
     const Distorted d = distort(lens, uv);
     pq = {d.p.a, d.q.a};
   } else if (lens.fisheye && !(std::hypot(uv.x, uv.y) < kPi)) {
@@ -149,7 +166,8 @@ std::optional<Vec2d> project(const Camera& camera, const Vec3d& direction) {
 
 namespace {
 
-std::optional<Vec3d> unproject(const Camera& camera, const Lens& lens, const Vec2d& pixel) {
+std::optional<Vec3d> unproject(const Camera& camera, const Lens& lens, const Vec2d& pixel,
+                               OneToOne& one_to_one) {
   if (!finite(pixel)) return std::nullopt;
   const Vec2d pq{(pixel.x - lens.cx) / lens.fx, (pixel.y - lens.cy) / lens.fy};
   if (!finite(pq)) return std::nullopt;
@@ -158,7 +176,7 @@ std::optional<Vec3d> unproject(const Camera& camera, const Lens& lens, const Vec
     if (!ratio) return std::nullopt;
     return Vec3d{pq.x * *ratio, pq.y * *ratio, 1};
   }
-  const auto uv = undistort(lens, pq);
+  const auto uv = undistort(lens, pq, one_to_one);
   if (!uv) return std::nullopt;
   if (!lens.fisheye) return Vec3d{uv->x, uv->y, 1};
   const double theta = std::hypot(uv->x, uv->y);
@@ -171,7 +189,8 @@ std::optional<Vec3d> unproject(const Camera& camera, const Lens& lens, const Vec
 std::optional<Vec3d> unproject(const Camera& camera, const Vec2d& pixel) {
   if (is_panorama(camera)) return internal::unproject_panorama(camera, pixel);
   const Lens lens = make_lens(camera);
-  return usable(camera, lens) ? unproject(camera, lens, pixel) : std::nullopt;
+  OneToOne one_to_one(lens);
+  return usable(camera, lens) ? unproject(camera, lens, pixel, one_to_one) : std::nullopt;
 }
 
 void unproject_row(const Camera& camera, int x, int y, std::span<Vec3d> out) {
@@ -182,12 +201,13 @@ void internal::unproject_wanted(const Camera& camera, int x, int y, const uint8_
                                 std::span<Vec3d> out) {
   const Lens lens = make_lens(camera);
   const bool around = is_panorama(camera), seen = usable(camera, lens);
+  OneToOne one_to_one(lens);
   for (size_t i = 0; i < out.size(); ++i) {
     out[i] = Vec3d();
     if (wanted && !wanted[i]) continue;
     const Vec2d pixel{x + static_cast<double>(i) + 0.5, y + 0.5};
     const auto d = around ? internal::unproject_panorama(camera, pixel)
-                   : seen ? unproject(camera, lens, pixel)
+                   : seen ? unproject(camera, lens, pixel, one_to_one)
                           : std::nullopt;
     if (d) out[i] = normalized(*d);
   }

@@ -210,20 +210,24 @@ struct Insertion::Impl {
                direction) >= 0;
   }
 
+  // directions: gets those of all pixels.
   std::vector<Sight> sights(const Camera& camera, const Pose& pose, const RenderOptions& render,
-                            ThreadPool& pool, const Cancel* cancel) const {
+                            ThreadPool& pool, const Cancel* cancel,
+                            std::vector<Vec3>& directions) const {
     std::vector<std::vector<Sight>> rows(static_cast<size_t>(camera.height));
     const Vec3 background = field.shows_background() ? render.background : Vec3{};
+    const size_t width = static_cast<size_t>(camera.width);
+    directions.resize(width * static_cast<size_t>(camera.height));
     pool.parallel_for(camera.height, [&](int64_t y) {
       if (cancel && cancel->requested()) throw Cancelled();
-      std::vector<Vec3d> directions(static_cast<size_t>(camera.width));
-      unproject_row(camera, 0, static_cast<int>(y), directions);
+      std::vector<Vec3d> row(width);
+      unproject_row(camera, 0, static_cast<int>(y), row);
       for (int x = 0; x < camera.width; ++x) {
-        const Vec3d& in_camera = directions[static_cast<size_t>(x)];
+        const Vec3d& in_camera = row[static_cast<size_t>(x)];
         if (in_camera == Vec3d()) continue;
         Sight sight;
-        sight.pixel =
-            static_cast<size_t>(y) * static_cast<size_t>(camera.width) + static_cast<size_t>(x);
+        sight.pixel = static_cast<size_t>(y) * width + static_cast<size_t>(x);
+        directions[sight.pixel] = in_camera.cast<Real>();
         sight.ray.origin =
             ray_pose(camera, pose, {x + 0.5, static_cast<double>(y) + 0.5}).translation;
         sight.ray.direction = pose.rotation * in_camera;
@@ -323,8 +327,9 @@ void Insertion::move(TriangleMesh mesh, const RenderOptions& options, ThreadPool
 ObjectPixels Insertion::look(const Camera& camera, const Pose& camera_to_engine,
                              const RenderOptions& options, ThreadPool& pool,
                              const Cancel* cancel) const {
-  std::vector<Sight> sights = impl_->sights(camera, camera_to_engine, options, pool, cancel);
   ObjectPixels pixels;
+  std::vector<Sight> sights =
+      impl_->sights(camera, camera_to_engine, options, pool, cancel, pixels.directions);
   if (sights.empty()) return pixels;
   RenderOptions render = options;
   render.layers.reset();
@@ -364,18 +369,12 @@ void Insertion::finish(const ObjectPixels& pixels, const Camera& camera,
     internal::cast_shadows(caster, pixels, camera, camera_to_engine, unit, pool, frame);
   }
   if (pixels.empty()) return;
-  std::vector<Vec3d> directions(static_cast<size_t>(camera.width));
-  for (int y = 0; y < camera.height; ++y) {
-    unproject_row(camera, 0, y, directions);
-    for (int x = 0; x < camera.width; ++x) {
-      const size_t p =
-          static_cast<size_t>(y) * static_cast<size_t>(camera.width) + static_cast<size_t>(x);
-      if (!pixels.seen(p)) continue;
-      const Real before = frame.alpha[p];
-      const double forward = depth_per_distance(camera, directions[static_cast<size_t>(x)]);
-      internal::count_in(pixels, p, forward / unit, 1 / unit, own.field.info().to_engine, frame);
-      frame.alpha[p] = 1 - (1 - before) * (1 - pixels.opacity[p]);
-    }
+  for (size_t p = 0; p < frame.alpha.size(); ++p) {
+    if (!pixels.seen(p)) continue;
+    const Real before = frame.alpha[p];
+    const double forward = depth_per_distance(camera, pixels.directions[p].cast<double>());
+    internal::count_in(pixels, p, forward / unit, 1 / unit, own.field.info().to_engine, frame);
+    frame.alpha[p] = 1 - (1 - before) * (1 - pixels.opacity[p]);
   }
 }
 

@@ -9,8 +9,9 @@
 
 namespace nerf::internal {
 
-// Row by row from the top; empty where no object is seen.
+// Row by row from the top; empty where no object is seen, but for the directions.
 struct ObjectPixels {
+  std::vector<Vec3> directions;  // unit, camera coordinates; zero where the lens sees nothing
   std::vector<double> far;       // distance of the first surface, engine units; infinite: none
   std::vector<Vec3> background;  // sRGB: what a ray that gets so far sees
   std::vector<Real> opacity;     // of the first surface and what is behind it

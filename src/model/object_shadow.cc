@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
 #include <numbers>
 #include <optional>
@@ -16,6 +17,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr double kReach = 8;  // radii: the ball takes less than 1/64 of the light further away
+constexpr double kNear = 2;   // radii: shadows have edges
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // A frame around a direction.
@@ -25,9 +27,9 @@ struct Frame3 {
     x = normalized(cross(std::fabs(z.z) < 0.9 ? Vec3d{0, 0, 1} : Vec3d{1, 0, 0}, z));
     y = cross(z, x);
   }
-  Vec3d at(double cosine, double azimuth) const {
+  Vec3d at(double cosine, const std::complex<double>& azimuth) const {  // of modulus 1
     const double sine = std::sqrt(std::max(0.0, 1 - cosine * cosine));
-    return x * (sine * std::cos(azimuth)) + y * (sine * std::sin(azimuth)) + z * cosine;
+    return x * (sine * azimuth.real()) + y * (sine * azimuth.imag()) + z * cosine;
   }
 };
 
@@ -35,29 +37,21 @@ struct Frame3 {
 class SeenSurface {
  public:
   // unit: of depths, per engine unit.
-  SeenSurface(const Camera& camera, const Pose& pose, double unit, const Frame& frame,
-              ThreadPool& pool)
-      : camera_(camera), pose_(pose), points_(frame.alpha.size()) {
-    pool.parallel_for(camera.height, [&](int64_t row) {
-      const int y = static_cast<int>(row);
-      std::vector<Vec3d> rays(static_cast<size_t>(camera.width));
-      unproject_row(camera, 0, y, rays);
-      for (int x = 0; x < camera.width; ++x) {
-        const size_t p = index(x, y);
-        const Vec3d& ray = rays[static_cast<size_t>(x)];
-        if (!(frame.alpha[p] >= 0.5_r) || !(frame.depth_z[p] > 0) || ray == Vec3d()) continue;
-        const double distance =
-            static_cast<double>(frame.depth_z[p]) * unit / depth_per_distance(camera, ray);
-        points_[p] =
-            ray_pose(camera, pose, {x + 0.5, y + 0.5}).translation + pose.rotation * ray * distance;
-      }
-    });
-  }
+  SeenSurface(const Camera& camera, const Pose& pose, double unit,
+              const std::vector<Vec3>& directions, const Frame& frame)
+      : camera_(camera), pose_(pose), unit_(unit), directions_(directions), frame_(frame) {}
 
   // Engine coordinates; no value where the field stops too little before the object.
   std::optional<Vec3d> point(int x, int y) const {
     if (x < 0 || y < 0 || x >= camera_.width || y >= camera_.height) return std::nullopt;
-    return points_[index(x, y)];
+    const size_t p = index(x, y);
+    const Vec3d ray = directions_[p].cast<double>();
+    if (!(frame_.alpha[p] >= 0.5_r) || !(frame_.depth_z[p] > 0) || ray == Vec3d())
+      return std::nullopt;
+    const double distance =
+        static_cast<double>(frame_.depth_z[p]) * unit_ / depth_per_distance(camera_, ray);
+    return ray_pose(camera_, pose_, {x + 0.5, y + 0.5}).translation +
+           pose_.rotation * ray * distance;
   }
   size_t index(int x, int y) const {
     return static_cast<size_t>(y) * static_cast<size_t>(camera_.width) + static_cast<size_t>(x);
@@ -81,8 +75,18 @@ class SeenSurface {
  private:
   const Camera& camera_;
   const Pose& pose_;
-  std::vector<std::optional<Vec3d>> points_;
+  double unit_;
+  const std::vector<Vec3>& directions_;
+  const Frame& frame_;
 };
+
+// Of the object's ball, which takes `cap` of half of all directions. As much noise everywhere: what
+// the ball takes, and with it what a ray counts, falls with its solid angle.
+int rays_towards(double cap, int most) {
+  constexpr double kWide = 0.1, kLeast = 6;
+  const double share = std::min(1.0, cap / kWide);
+  return std::min(most, static_cast<int>(std::ceil(std::max(kLeast, most * share * share))));
+}
 
 // The share of the light at a point that is left, by colour; nothing where the object takes none.
 std::optional<Vec3d> light_left(const ShadowCaster& c, const Vec3d& sent, const Vec3d& point,
@@ -92,16 +96,18 @@ std::optional<Vec3d> light_left(const ShadowCaster& c, const Vec3d& sent, const 
   const Vec3d origin = point + normal * (2e-3 * c.radius);
   Vec3d taken;  // over pi
   Vec3d whole = c.around.diffuse(normal);
-  const int n = c.options.shadow_rays;
   const bool inside = distance < 1.05 * c.radius;
   const double rim = inside ? 0 : std::sqrt(1 - std::pow(c.radius / distance, 2));
+  const int n = rays_towards(1 - rim, c.options.shadow_rays);
   const Frame3 frame(inside ? normal : to_centre / distance);
   // A golden spiral, turned at random from pixel to pixel.
   const double turn = 2 * kPi * static_cast<double>(Random(2, 0, pixel).uniform());
+  const std::complex<double> step = std::polar(1.0, kPi * (3 - std::sqrt(5.0)));
+  std::complex<double> azimuth = std::polar(1.0, turn);
   const double share = 2 * kPi * (1 - rim) / n;  // solid angle of a ray
-  for (int i = 0; i < n; ++i) {
+  for (int i = 0; i < n; ++i, azimuth *= step) {
     const double cosine = 1 - (1 - rim) * (i + 0.5) / n;
-    const Vec3d d = frame.at(cosine, turn + 2.399963 * i);
+    const Vec3d d = frame.at(cosine, azimuth);
     const double facing = dot(normal, d);
     if (!(facing > 0)) continue;
     const double through = transmitted(c.object, c.bvh, origin, d, 0, kInfinity);
@@ -165,41 +171,54 @@ Vec3d haze_before(const ShadowCaster& caster, const SeenSurface& surface, const 
 
 void cast_shadows(const ShadowCaster& caster, const ObjectPixels& pixels, const Camera& camera,
                   const Pose& camera_to_engine, double unit, ThreadPool& pool, Frame& frame) {
-  const SeenSurface surface(camera, camera_to_engine, unit, frame, pool);
+  const SeenSurface surface(camera, camera_to_engine, unit, pixels.directions, frame);
   const Vec3d sent = mean_sent(caster);
   const size_t n = frame.alpha.size();
+  // Away from the object every other pixel is that of its neighbours.
+  enum class Pixel : uint8_t { kFar, kOfNeighbours, kLit, kShadowed };
+  std::vector<Pixel> pixel(n, Pixel::kFar);
   std::vector<Vec3d> left(n, Vec3d{1, 1, 1});
-  std::vector<uint8_t> shadowed(n);
+  const auto look = [&](int x, int y, const Vec3d& point) {
+    const size_t p = surface.index(x, y);
+    const auto light =
+        light_left(caster, sent, point, surface.normal(x, y, point, 0.1 * caster.radius), p);
+    pixel[p] = light ? Pixel::kShadowed : Pixel::kLit;
+    left[p] = light.value_or(Vec3d{1, 1, 1});
+  };
   pool.parallel_for(camera.height, [&](int64_t row) {
     const int y = static_cast<int>(row);
     for (int x = 0; x < camera.width; ++x) {
       const auto point = surface.point(x, y);
-      if (!point || length(*point - caster.centre) > kReach * caster.radius) continue;
-      const size_t p = surface.index(x, y);
-      const auto light =
-          light_left(caster, sent, *point, surface.normal(x, y, *point, 0.1 * caster.radius), p);
-      if (!light) continue;
-      left[p] = *light;
-      shadowed[p] = 1;
+      if (!point) continue;
+      const double distance = length(*point - caster.centre) / caster.radius;
+      if (distance > kReach) continue;
+      if (distance > kNear && ((x + y) & 1))
+        pixel[surface.index(x, y)] = Pixel::kOfNeighbours;
+      else
+        look(x, y, *point);
     }
   });
   pool.parallel_for(camera.height, [&](int64_t row) {
     const int y = static_cast<int>(row);
     for (int x = 0; x < camera.width; ++x) {
       const size_t p = surface.index(x, y);
-      if (!shadowed[p]) continue;
+      if (pixel[p] == Pixel::kFar || pixel[p] == Pixel::kLit) continue;
       // The mean over a few pixels of the same surface.
       Vec3d sum;
       int count = 0;
+      bool shadowed = false;
       for (int j = std::max(0, y - 1); j <= std::min(camera.height - 1, y + 1); ++j)
         for (int i = std::max(0, x - 1); i <= std::min(camera.width - 1, x + 1); ++i) {
           const size_t q = surface.index(i, j);
           const Real ratio = frame.depth_z[q] / frame.depth_z[p];
           if (!(frame.alpha[q] >= 0.5_r) || !(ratio > 0.98_r && ratio < 1.02_r)) continue;
+          if (pixel[q] == Pixel::kOfNeighbours) continue;
           sum = sum + left[q];
+          shadowed |= pixel[q] == Pixel::kShadowed;
           ++count;
         }
-      const Vec3d light = sum / std::max(count, 1);
+      if (!shadowed) continue;
+      const Vec3d light = sum / count;
       const Vec3& behind = pixels.seen(p) ? pixels.background[p] : caster.background;
       const Real through = 1 - frame.alpha[p];
       const Vec3d haze = haze_before(caster, surface, camera, camera_to_engine, x, y);

@@ -166,9 +166,10 @@ DepthPicture depth_picture(const RadianceField& field, const SurfaceCamera& came
   // Neither colours are looked at nor what lies behind the last percentile.
   RenderOptions render = options.render;
   render.unshaded = 2;
-  render.stop_transmittance = static_cast<Real>(std::min(0.98 * (1 - kFarShare), 1 - options.opaque));
-  const RayResults seen = integrate(field, rays.rays(), {.percentiles = true}, render, work.pool,
-                                    {}, work.cancel);
+  render.stop_transmittance =
+      static_cast<Real>(std::min(0.98 * (1 - kFarShare), 1 - options.opaque));
+  const RayResults seen =
+      integrate(field, rays.rays(), {.percentiles = true}, render, work.pool, {}, work.cancel);
   const Vec3d axis = camera.to_engine.rotation.column(2);
   for (size_t i = 0; i < rays.rays().size(); ++i) {
     const size_t at = rays.pixels()[i];
