@@ -32,8 +32,9 @@ inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __res
 
 }  // namespace
 
-GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
-                               const RenderOptions& options, const std::optional<ObliqueBox>& box,
+GridIntegrator::GridIntegrator(const GridField& field, const OccupancyGrid& occupancy,
+                               const LayerPacks& packs, const RenderOptions& options,
+                               const std::optional<ObliqueBox>& box,
                                const std::optional<EngineMedium>& medium)
     : field_(field),
       options_(options),
@@ -42,7 +43,7 @@ GridIntegrator::GridIntegrator(const GridField& field, const LayerPacks& packs,
       tape_(field, /*training=*/false),
       chunk_(tape_.tape),
       shading_(tape_.tape),
-      sampler_(field.occupancy, sampler_options(field, options), field.clip) {
+      sampler_(occupancy, sampler_options(field, options), field.clip) {
   if (tape_.code >= 0)
     code_ = options.appearance.code.empty() ? field.default_code(0) : options.appearance.code;
   chunk_.weights = shading_.weights = field.weights.data();

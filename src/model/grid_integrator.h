@@ -19,9 +19,11 @@ namespace nerf::internal {
 // chunks are full nevertheless.
 class GridIntegrator {
  public:
-  // packs: of the field's networks; they, the field and the options must outlive this.
-  GridIntegrator(const GridField& field, const LayerPacks& packs, const RenderOptions& options,
-                 const std::optional<ObliqueBox>& box, const std::optional<EngineMedium>& medium);
+  // occupancy: the field's, or of one moment; packs: of the field's networks; they, the field and
+  // the options must outlive this.
+  GridIntegrator(const GridField& field, const OccupancyGrid& occupancy, const LayerPacks& packs,
+                 const RenderOptions& options, const std::optional<ObliqueBox>& box,
+                 const std::optional<EngineMedium>& medium);
 
   void begin(const RaySink& sink);
   void add(const Ray& ray, int place);

@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "model/appearance.h"
+#include "model/moment_occupancy.h"
 #include "model/network_renderer.h"
 #include "model/object_pixels.h"
 #include "model/pixel_lattice.h"
@@ -22,12 +23,13 @@ namespace {
 // One picture of the grid method on its way, tile by tile.
 class GridPicture {
  public:
-  GridPicture(const GridField& field, const ModelInfo& info, const Camera& camera,
-              const Pose& camera_to_world, const RenderOptions& options,
+  GridPicture(const GridField& field, const OccupancyGrid& occupancy, const ModelInfo& info,
+              const Camera& camera, const Pose& camera_to_world, const RenderOptions& options,
               const internal::ObjectPixels& objects,
               const std::optional<internal::EngineMedium>& medium, ThreadPool& pool,
               const std::function<void(double)>& progress, const Cancel* cancel)
       : field_(field),
+        occupancy_(occupancy),
         info_(info),
         camera_(camera),
         pose_(info.to_engine.apply(camera_to_world)),
@@ -91,8 +93,8 @@ class GridPicture {
       if (cancel_ && cancel_->requested()) throw Cancelled();
       auto& renderer = renderers_[static_cast<size_t>(thread)];
       if (!renderer)
-        renderer = std::make_unique<internal::TileRenderer>(field_, packs_, camera_, pose_, info_,
-                                                            options_, objects_, box_, medium_);
+        renderer = std::make_unique<internal::TileRenderer>(
+            field_, occupancy_, packs_, camera_, pose_, info_, options_, objects_, box_, medium_);
       const int x = static_cast<int>(tile % columns) * side;
       const int y = static_cast<int>(tile / columns) * side;
       body(*renderer, x, y, std::min(x + side, camera_.width), std::min(y + side, camera_.height));
@@ -105,6 +107,7 @@ class GridPicture {
   }
 
   const GridField& field_;
+  const OccupancyGrid& occupancy_;
   const ModelInfo& info_;
   const Camera& camera_;
   const Pose pose_;
@@ -157,16 +160,22 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto medium = internal::engine_medium(radiance, options);
+  std::optional<OccupancyGrid> moment;
+  if (radiance.is_grid() && !options.unclipped)
+    moment = internal::occupancy_at(radiance.grid(), options.precision, options.time,
+                                    int64_t{n} * n * camera.width * camera.height, pool, cancel);
   const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
     const Camera part = given.in_unit(info.to_engine.scale);
     const Pose to_engine = info.to_engine.apply(camera_to_world);
     internal::ObjectPixels objects;
     if (insertion) objects = insertion->look(part, to_engine, drawn, pool, cancel);
-    Frame picture = radiance.is_grid() ? GridPicture(radiance.grid(), info, part, camera_to_world,
-                                                     drawn, objects, medium, pool, at, cancel)
-                                             .render(n)
-                                       : internal::render_network(radiance, part, camera_to_world,
-                                                                  drawn, objects, pool, at, cancel);
+    Frame picture =
+        radiance.is_grid()
+            ? GridPicture(radiance.grid(), moment ? *moment : radiance.grid().occupancy, info, part,
+                          camera_to_world, drawn, objects, medium, pool, at, cancel)
+                  .render(n)
+            : internal::render_network(radiance, part, camera_to_world, drawn, objects, pool, at,
+                                       cancel);
     if (insertion) insertion->finish(objects, part, to_engine, drawn, pool, picture);
     return picture;
   };

@@ -20,18 +20,19 @@ namespace nerf::internal {
 // their tile, and then of their block, may first meet matter.
 class TileRenderer {
  public:
-  // packs: of the field's networks; must outlive this.
-  TileRenderer(const GridField& field, const LayerPacks& packs, const Camera& camera,
-               const Pose& pose, const ModelInfo& info, const RenderOptions& options,
-               const ObjectPixels& objects, const std::optional<ObliqueBox>& box,
-               const std::optional<EngineMedium>& medium)
-      : occupancy_(field.occupancy),
+  // occupancy: the field's, or of the picture's moment; packs: of the field's networks; both must
+  // outlive this.
+  TileRenderer(const GridField& field, const OccupancyGrid& occupancy, const LayerPacks& packs,
+               const Camera& camera, const Pose& pose, const ModelInfo& info,
+               const RenderOptions& options, const ObjectPixels& objects,
+               const std::optional<ObliqueBox>& box, const std::optional<EngineMedium>& medium)
+      : occupancy_(occupancy),
         camera_(camera),
         pose_(pose),
         near_(info.near),
         options_(options),
         objects_(objects),
-        integrator_(field, packs, options, box, medium) {
+        integrator_(field, occupancy, packs, options, box, medium) {
     if (options.layers) layers_.emplace(field, *options.layers, info.to_engine);
   }
 

@@ -45,23 +45,28 @@ uint64_t OccupancyGrid::memory_bytes(int cascades, int side) {
   return cells * (sizeof(Real) + 1) + cells / 4;
 }
 
-OccupancyGrid::OccupancyGrid(int cascades, int side) : cascades_(cascades), side_(side) {
+OccupancyGrid::OccupancyGrid(int cascades, int side)
+    : OccupancyGrid(cascades, side, WithoutTraining()) {
+  opacity_ = AlignedArray<Real>(levels_.size());
+  std::fill(opacity_.begin(), opacity_.end(), kUnknown);
+  solid_.resize(masks_.size());
+  rebuild(0.01_r);
+}
+
+OccupancyGrid::OccupancyGrid(int cascades, int side, WithoutTraining)
+    : cascades_(cascades), side_(side) {
   NERF_CHECK(cascades >= 1 && cascades <= kMostCascades);
   NERF_CHECK(side >= 16 && side <= kMostSide && side % 16 == 0);
   for (int c = 0; c < kMostCascades; ++c)
     cell_widths_[static_cast<size_t>(c)] = std::ldexp(2.0_r / static_cast<Real>(side_), c);
   const size_t cells_in_all = static_cast<size_t>(cascades) * static_cast<size_t>(cells());
-  opacity_ = AlignedArray<Real>(cells_in_all);
   levels_ = AlignedArray<uint8_t>(cells_in_all);
   masks_.resize(cells_in_all / 64);
-  solid_.resize(masks_.size());
   clearance_.resize(masks_.size());
   for (int i = 0; i < 256; ++i) {
     const Real root = static_cast<Real>(i) / 255.0_r;
     thickness_of_level_[static_cast<size_t>(i)] = -std::log1p(-std::min(root * root, kMostOpaque));
   }
-  std::fill(opacity_.begin(), opacity_.end(), kUnknown);
-  rebuild(0.01_r);
 }
 
 void OccupancyGrid::remember_moments() {
@@ -184,6 +189,12 @@ void OccupancyGrid::set_levels(std::span<const uint8_t> levels) {
     for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels_[b * 64 + i] != 0} << i;
   }
   measure_occupied();
+}
+
+OccupancyGrid OccupancyGrid::with_levels(std::span<const uint8_t> levels) const {
+  OccupancyGrid out(cascades_, side_, WithoutTraining());
+  out.set_levels(levels);
+  return out;
 }
 
 void OccupancyGrid::forget_training() {

@@ -217,9 +217,9 @@ TEST(NerfBenchError, TrainingSkipsAndWidthOfATinyCapture) {
   expect_series("unshaded", {"1/1024", "1/256", "1/64"});
   expect_series("shared colour", {"1/64", "1/32", "1/16", "1/8", "1/4"});
   expect_series("network's stop", {"1e-6", "1e-4", "1e-3", "1e-2"});
-  expect_series("cache, factor", {"4", "2", "1.5", "1.25", "1", "0.85", "0.5"});
+  expect_series("cache, factor", {"4", "2", "1.5", "1.25", "1", "0.5"});
   expect_series("cache, stop", {"1e-6", "1e-4", "1e-3"});
-  expect_series("together, factor", {"2", "1.5", "1.25", "1", "0.85", "0.75", "0.5"});
+  expect_series("together, factor", {"2", "1.5", "1.25", "1", "0.75", "0.5"});
   expect_series("together, at most", {"32", "64", "192"});
   expect_series("together, spread", {"0.5", "1", "4"});
   expect_series("together, shared colour", {"1/64", "1/32", "1/16"});

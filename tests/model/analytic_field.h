@@ -15,9 +15,10 @@ namespace nerf::test {
 // Density of a signed distance d (engine units, below 0 inside; interpolated between 96^3
 // vertices): exp(-s d) s ln 2, which stops half of the light of a ray that meets the surface at
 // right angles at d = 0. Colour sigmoid(0). What cells remember is that density at their nearest
-// point.
+// point. `motion`: networks of weights 0, by which all moments are alike.
 template <class Distance>
-RadianceField surface_field(const Similarity& to_engine, const Distance& distance) {
+RadianceField surface_field(const Similarity& to_engine, const Distance& distance,
+                            const MotionShape& motion = {}) {
   constexpr double kSharpness = 2000;
   GridOptions options;
   options.levels = 1;
@@ -28,7 +29,7 @@ RadianceField surface_field(const Similarity& to_engine, const Distance& distanc
   options.hidden = 16;
   options.table_bits = 32;
   options.occupancy_side = 128;
-  auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1);
+  auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1, CodeShape{}, motion);
   const HashGridLevel& level = grid->shape.levels[0];
   const uint32_t n = level.resolution;
   for (uint32_t z = 0; z < n; ++z)

@@ -55,7 +55,7 @@ struct RenderOptions {
   // Network samples of a ray of the grid method: how many against the last steps of training, how
   // many at most (training's, if those are more; never above kChunkSamples), and the weight of
   // those spread over all matter, which takes the place of SamplerOptions::uniform_share.
-  Real sample_factor = 0.85_r;
+  Real sample_factor = 1;
   int max_samples = 96;
   Real uniform_share = 3;
   // Frame::layers is made too, of these and what they always hold; every pixel then has rays of its

@@ -142,10 +142,14 @@ class OccupancyGrid {
   std::span<const Real> moments_state() const { return most_.span(); }
   std::span<const uint8_t> levels() const { return levels_.span(); }
   void set_levels(std::span<const uint8_t> levels);
+  // The same cells with other levels, without what only training needs.
+  OccupancyGrid with_levels(std::span<const uint8_t> levels) const;
   // Frees what only training needs, at least 4 of about 5 bytes per cell.
   void forget_training();
 
  private:
+  struct WithoutTraining {};
+  OccupancyGrid(int cascades, int side, WithoutTraining);
   static constexpr Real kOff = -1;
   static constexpr Real kShare = 0.15_r;  // of a cell's memory that one point replaces
   static constexpr Real kSolid = 0.1_r;   // opacity from which a cell keeps its neighbours on
