@@ -11,9 +11,9 @@ namespace nerf {
 namespace {
 
 constexpr double kBeta1 = 0.9, kBeta2 = 0.99;
-// Weight of a readout's square in the loss: of a camera whose lines move what they show by less
-// than a third of a pixel it decides.
-constexpr double kReadoutPrior = 1e-5;
+// A readout's step as a share of the others': all photos of a lens speak of it, none of them much,
+// and it has further to go. With 1 it stays behind on a film of 32 frames: 0.68 of 0.8.
+constexpr double kReadoutRate = 3;
 
 // Whether all rays of the camera begin at its centre.
 bool has_one_centre(const Camera& camera) { return !is_panorama(camera) || camera.params[4] == 0; }
@@ -339,6 +339,7 @@ void CameraRefinement::update(double rate) {
     const double root = std::sqrt(v_[i] / second);
     step[i] = root > 0 ? rate * (m_[i] / first) / root : 0;
   }
+  for (size_t i = readouts_at(); i < step.size(); ++i) step[i] *= kReadoutRate;
   for (const std::vector<double>& along : gauge_) {
     const double share = dot_of(along, step);
     for (size_t i = 0; i < step.size(); ++i) step[i] -= share * along[i];

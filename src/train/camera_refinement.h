@@ -37,6 +37,10 @@ struct RayMove {
 
 class CameraRefinement {
  public:
+  // Weight of a readout's square in the loss: of a camera whose lines move what they show by less
+  // than a tenth of a pixel it decides.
+  static constexpr double kReadoutPrior = 1e-6;
+
   // All must outlive it; the source's cameras are the given ones by now. shutter: none where lines
   // are read at once; what it learns is set in it.
   CameraRefinement(const Scene& scene, const PhotoSet& photos, const CameraRecipe& recipe,

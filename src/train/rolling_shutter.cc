@@ -146,16 +146,17 @@ void RollingShutter::find_twists(const Scene& scene,
   for (const std::vector<size_t>& film : films)
     for (size_t i = 1; i < film.size(); ++i) {
       const double interval = *scene.views[film[i]].clock - *scene.views[film[i - 1]].clock;
-      if (interval > 0) intervals.push_back(interval);
-      turns.push_back(length(between(film[i - 1], film[i]).rotation));
+      if (!(interval > 0)) continue;
+      intervals.push_back(interval);
+      turns.push_back(length(between(film[i - 1], film[i]).rotation) / interval);
     }
   usual_ = median_of(intervals);
   interval_ = scene.frame_interval > 0 ? scene.frame_interval : usual_;
   if (!(usual_ > 0))
     throw Error("no two of the photos were taken one after another", scene.root.string(),
                 "leave --rolling-shutter out, or say the photos' times with --times");
-  if (const double turn = median_of(turns); turn > kMostTurn)
-    throw Error(fmt::format("from photo to photo the camera is turned by {:.0f} degrees: these are "
+  if (const double turn = median_of(turns) * interval_; turn > kMostTurn)
+    throw Error(fmt::format("from frame to frame the camera is turned by {:.0f} degrees: these are "
                             "no frames of a film",
                             turn * 180 / std::numbers::pi),
                 scene.root.string(), "leave --rolling-shutter out");

@@ -28,10 +28,10 @@ TEST(Twist, MotionsAreThoseOfTheSpecification) {
   WorstError worst("twist");
   for (const double angle : kAngles) {
     const Twist t = some_twist(angle);
-    const std::vector<double> want = reference::rigid_motion<double>(
-        {t.rotation.x, t.rotation.y, t.rotation.z, t.translation.x, t.translation.y,
-         t.translation.z},
-        {x.x, x.y, x.z});
+    const std::vector<double> want =
+        reference::rigid_motion<double>({t.rotation.x, t.rotation.y, t.rotation.z, t.translation.x,
+                                         t.translation.y, t.translation.z},
+                                        {x.x, x.y, x.z});
     const Vec3d got = motion_by(t) * x;
     // Some forty operations on numbers of at most 3.
     for (int k = 0; k < 3; ++k)

@@ -36,7 +36,8 @@ TEST(LineMotion, PicturesAreThoseOfEachRowsPose) {
     const std::vector<Real> want = colours(still, row);
     for (size_t x = 0; x < 3 * static_cast<size_t>(still.width); ++x) {
       const size_t i = 3 * static_cast<size_t>(y * still.width) + x;
-      EXPECT_NEAR(static_cast<double>(whole[i]), static_cast<double>(want[i]), 1e-5) << y << " " << x;
+      EXPECT_NEAR(static_cast<double>(whole[i]), static_cast<double>(want[i]), 1e-5)
+          << y << " " << x;
       most = std::max(most, std::abs(static_cast<double>(whole[i] - of_middle[i])));
     }
   }
@@ -49,7 +50,9 @@ TEST(LineMotion, PicturesAreThoseOfEachRowsPose) {
   for (size_t y = 0; y < 14; ++y)
     for (size_t x = 0; x < 20; ++x)
       for (size_t k = 0; k < 3; ++k) {
-        const auto at = [&](size_t u, size_t v) { return large[3 * ((2 * y + v) * 40 + 2 * x + u) + k]; };
+        const auto at = [&](size_t u, size_t v) {
+          return large[3 * ((2 * y + v) * 40 + 2 * x + u) + k];
+        };
         EXPECT_NEAR(static_cast<double>(two[3 * (y * 20 + x) + k]),
                     static_cast<double>((at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4), 1e-6);
       }

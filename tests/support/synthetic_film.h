@@ -1,5 +1,5 @@
-// For tests: the sphere of synthetic_scene.h filmed on the way around it, by a camera whose rows are
-// read one after another. Each row is drawn from where the camera is by then on its path, which
+// For tests: the sphere of synthetic_scene.h filmed on the way around it, by a camera whose rows
+// are read one after another. Each row is drawn from where the camera is by then on its path, which
 // knows nothing of twists.
 #pragma once
 
@@ -12,19 +12,29 @@
 namespace nerf::test {
 
 // Where the camera is `t` frames after the first: it goes round in some 24 frames, rises and falls,
-// and sways.
+// pans and sways.
 inline Pose film_pose(double t) {
   const double angle = 0.26 * t, height = 0.7 * std::sin(0.4 * t), sway = 0.15 * std::sin(0.5 * t);
+  const double pan = 0.18 * std::sin(0.35 * t + 1);
   const Vec3d out{std::cos(angle) * std::cos(height), std::sin(angle) * std::cos(height),
                   std::sin(height)};
   const Vec3d forward = -out, level = normalized(cross(forward, Vec3d{0, 0, 1}));
   const Vec3d down = cross(forward, level);
   Pose pose;
-  pose.rotation.set_column(0, level * std::cos(sway) + down * std::sin(sway));
+  const Vec3d right = level * std::cos(sway) + down * std::sin(sway);
+  pose.rotation.set_column(0, right * std::cos(pan) - forward * std::sin(pan));
   pose.rotation.set_column(1, down * std::cos(sway) - level * std::sin(sway));
-  pose.rotation.set_column(2, forward);
+  pose.rotation.set_column(2, forward * std::cos(pan) + right * std::sin(pan));
   pose.translation = out * kCameraDistance;
   return pose;
+}
+
+// A sphere of many stripes.
+inline bool film_colour(const Vec3d& origin, const Vec3d& d, double rgb[3]) {
+  double smooth[3];
+  if (!sphere_colour(origin, d, smooth)) return false;
+  for (int i = 0; i < 3; ++i) rgb[i] = 0.5 + 0.45 * std::sin(5 * smooth[i] + i);
+  return true;
 }
 
 // Frame t, in whose middle the camera is at film_pose(t); its rows take `readout` of the time to
@@ -33,7 +43,7 @@ inline Photo film_photo(const Camera& camera, double t, double readout) {
   Photo photo;
   for (int y = 0; y < camera.height; ++y) {
     const double share = (y + 0.5) / camera.height - 0.5;
-    const Photo row = sphere_photo(camera.rows(y, 1), film_pose(t + share * readout));
+    const Photo row = photo_of(camera.rows(y, 1), film_pose(t + share * readout), 3, film_colour);
     photo.pixels8.insert(photo.pixels8.end(), row.pixels8.begin(), row.pixels8.end());
   }
   photo.width = camera.width;

@@ -141,7 +141,9 @@ void compare_gradient(bool unbounded, bool filmed = false) {
       std::vector<double> moved = values;
       moved[i] += x;
       t.cameras->set_values(moved);
-      return batch.loss();
+      double prior = 0;
+      for (const double r : trainer.readouts()) prior += CameraRefinement::kReadoutPrior * r * r;
+      return batch.loss() + prior;
     };
     worst.compare(got[i], (loss_at(h) - loss_at(-h)) / (2 * h), tolerance, "parameter", i);
   }

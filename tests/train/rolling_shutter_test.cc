@@ -149,56 +149,64 @@ double held_out_psnr(const RadianceField& field, const test::SyntheticCapture& c
   return evaluate(field, c.scene, c.photos, {}, pool).psnr;
 }
 
-// Whoever takes the rows for one pose's is off by what one pose shows of a frame at best: the PSNR
-// of that is a closed form's. With the rows' own poses a short training passes it.
+// Whoever takes the rows for those of one pose shows at best what that pose sees, which is off by a
+// PSNR that needs no training to know. With the rows' own poses a short training gets half a
+// decibel above it, and more above one without.
 TEST(RollingShutter, AFilmIsLearntByItsRows) {
-  const auto c = film_capture(24, 40, kReadout);
+  const auto c = film_capture(32, 40, kReadout);
   ThreadPool pool(2);
   double bound = 0;
   for (const int v : c.scene.test) {
     const Photo& photo = c.photos.photos[static_cast<size_t>(v)];
-    const Photo one_pose = film_photo(c.scene.cameras[0], v, 0);
+    const Photo one_pose = test::film_photo(c.scene.cameras[0], v, 0);
     bound += *psnr(photo_over(photo, {1, 1, 1}), photo_over(one_pose, {1, 1, 1})) /
              static_cast<double>(c.scene.test.size());
   }
   const auto train = [&](Readout readout) {
-    Trainer trainer(c.scene, c.photos, film_options(250, readout), pool);
-    trainer.run();
+    Trainer trainer(c.scene, c.photos, film_options(400, readout), pool);
+    trainer.run({});
     return held_out_psnr(trainer.snapshot(), c, pool);
   };
   const double off = train({}), on = train({false, kReadout});
-  RecordProperty("psnr", std::to_string(bound) + " " + std::to_string(off) + " " + std::to_string(on));
-  printf("bound %.2f off %.2f on %.2f\n", bound, off, on);
-  EXPECT_LT(off, bound + 0.5);
-  EXPECT_GT(on, bound + 2);
+  EXPECT_LT(off, bound);
+  EXPECT_GT(on, bound + 0.5) << off;
 }
 
+// The slope of a parabola through three frames is less than a swing's by up to 2 percent, so that
+// what is found is as much more.
+constexpr double kFound = 0.06;
+
 TEST(RollingShutter, TheTimeOfReadingIsFound) {
-  auto c = film_capture(24, 40, kReadout);
+  const auto c = film_capture(32, 40, kReadout);
   ThreadPool pool(2);
-  TrainOptions o = film_options(300, {true, 0});
-  Trainer alone(c.scene, c.photos, o, pool);
-  EXPECT_EQ(alone.readouts(), std::vector<double>{0});
-  alone.run();
-  printf("alone %.4f\n", alone.readouts()[0]);
-  EXPECT_NEAR(alone.readouts()[0], kReadout, 0.05);
-  // Of frames that stand still between two it stays where it began.
-  const auto still = film_capture(24, 40, 0);
-  Trainer global(still.scene, still.photos, o, pool);
-  global.run();
-  printf("global %.4f\n", global.readouts()[0]);
-  EXPECT_NEAR(global.readouts()[0], 0, 0.05);
-  // With cameras that are off by a degree.
+  Trainer trainer(c.scene, c.photos, film_options(400, {true, 0}), pool);
+  EXPECT_EQ(trainer.readouts(), std::vector<double>{0});
+  trainer.run({});
+  EXPECT_NEAR(trainer.readouts()[0], kReadout, kFound);
+}
+
+TEST(RollingShutter, OfLinesReadAtOnceNothingIsFound) {
+  const auto c = film_capture(32, 40, 0);
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, film_options(400, {true, 0}), pool);
+  trainer.run({});
+  EXPECT_NEAR(trainer.readouts()[0], 0, kFound);
+}
+
+// While the cameras that are off come back as well.
+TEST(RollingShutter, TheTimeOfReadingIsFoundWithTheCameras) {
+  auto c = film_capture(32, 40, kReadout);
   for (size_t v = 0; v < c.scene.views.size(); ++v) {
     const double x = static_cast<double>(v);
     const Vec3d turn{std::sin(3 * x), std::sin(5 * x + 1), std::sin(7 * x + 2)};
-    c.scene.views[v].pose = corrected(c.scene.views[v].pose, {turn * 0.01, {}});
+    c.scene.views[v].pose = corrected(c.scene.views[v].pose, {turn * 0.004, {}});
   }
+  TrainOptions o = film_options(400, {true, 0});
   o.grid_recipe.cameras.refine = RefineCameras::kOn;
-  Trainer both(c.scene, c.photos, o, pool);
-  both.run();
-  printf("both %.4f\n", both.readouts()[0]);
-  EXPECT_NEAR(both.readouts()[0], kReadout, 0.1);
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, o, pool);
+  trainer.run({});
+  EXPECT_NEAR(trainer.readouts()[0], kReadout, 2 * kFound);
 }
 
 TEST(RollingShutter, ModelFilesKeepWhatEvaluationAsks) {
