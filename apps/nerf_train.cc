@@ -184,8 +184,7 @@ class Training {
       save_options(command_);
     }
     if (!scene_.test.empty()) make_writable_folder(folder_.pictures());
-    const std::string shutter = trainer_.rolling_shutter();
-    if (!shutter.empty() && !learns_readouts()) log_info("rolling shutter: " + shutter);
+    log_lines(trainer_.rolling_shutter());
     save_notes();
     return resume;
   }
@@ -271,10 +270,6 @@ class Training {
     metrics_->add_evaluation(step, train_seconds, e);
   }
 
-  bool learns_readouts() const {
-    return trainer_.options().grid_recipe.cameras.rolling_shutter.learnt;
-  }
-
   bool refines() const {
     return trainer_.options().grid_recipe.cameras.refine == RefineCameras::kOn;
   }
@@ -306,7 +301,7 @@ class Training {
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
     write_left_out();
-    if (learns_readouts()) log_info("rolling shutter: learnt: " + trainer_.rolling_shutter());
+    log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
     if (summary_.evaluation.aligned)

@@ -206,10 +206,10 @@ std::string RollingShutter::description() const {
   for (const double share : readouts_)
     readouts += fmt::format("{}{:.3g}", readouts.empty() ? "" : ", ", share);
   return fmt::format(
-      "{} of the time between two frames ({:.4g}), from the {}; {} of {} photos "
+      "rolling shutter: {}{} of the time between two frames ({:.4g}), from the {}; {} of {} photos "
       "have neighbours in time",
-      readouts, interval_, lines_.empty() ? "" : first_line_text(lines_.front()), moving_,
-      twists_.size());
+      learnt_ ? "learnt so far: " : "", readouts, interval_,
+      lines_.empty() ? "" : first_line_text(lines_.front()), moving_, twists_.size());
 }
 
 }  // namespace nerf

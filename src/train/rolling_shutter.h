@@ -39,7 +39,7 @@ class RollingShutter {
   // Gives the training photos' cameras, which are in engine coordinates, their motion.
   void place(PixelSource& source) const;
 
-  std::string description() const;  // of what was found, one line
+  std::string description() const;  // for people, one line
 
  private:
   void find_twists(const Scene& scene, const std::vector<std::vector<size_t>>& films);
