@@ -142,8 +142,8 @@ void CameraRefinement::find_factors() {
         const Vec3d by =
             cross(pose.rotation * twist.rotation, u) + (moved - u * dot(u, moved)) / distance;
         constexpr double kMeanSquare = 1.0 / 12;  // of a line's share
-        squares[shutter_->lens_of(view)] += kMeanSquare * dot(by, by);
-        ++readout_counts[shutter_->lens_of(view)];
+        squares[shutter_->camera_of(view)] += kMeanSquare * dot(by, by);
+        ++readout_counts[shutter_->camera_of(view)];
       }
       for (int k = 0; k < 3; ++k) {
         Vec3d e;
@@ -295,7 +295,7 @@ void CameraRefinement::add(std::span<const RayMove> moves) {
       for (size_t k = 0; k < kLens; ++k) sum[k] += move.lens[k];
     }
     if (learns_readouts())
-      sums_[readouts_at() + shutter_->lens_of(static_cast<size_t>(scene_.train[i]))] +=
+      sums_[readouts_at() + shutter_->camera_of(static_cast<size_t>(scene_.train[i]))] +=
           move.readout;
   }
   ++counts_[1];

@@ -8,8 +8,8 @@
 // L^T, the correction is L^-T times the coordinates. A lens comes behind the poses of its photos:
 // what they would make up for of its correction goes with it. What would move all cameras alike as
 // a rigid body or in scale is taken out of every step: the field could only follow. The time in
-// which a lens's lines are read (train/rolling_shutter.h) is a number of its own, in units in which
-// it moves what the photos show by as much.
+// which a camera's lines are read (train/rolling_shutter.h) is a number of its own, in units in
+// which it moves what the photos show by as much.
 #pragma once
 
 #include <span>

@@ -9,7 +9,9 @@
 #include <map>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <tuple>
+#include <utility>
 
 #include "nerf/base/error.h"
 
@@ -58,6 +60,10 @@ std::string first_line_text(const LineMotion& lines) {
   return lines.along.y > 0 ? "top" : "bottom";
 }
 
+std::string folder_of(const View& view) {
+  return std::filesystem::path(view.name).parent_path().string();
+}
+
 // Views that one camera took one after another: of each such film its views by their time.
 std::vector<std::vector<size_t>> films_of(const Scene& scene) {
   std::map<std::tuple<std::string, int, int>, std::vector<size_t>> films;
@@ -67,8 +73,7 @@ std::vector<std::vector<size_t>> films_of(const Scene& scene) {
       throw Error("a rolling shutter needs to know when the photos were taken", view.name,
                   "train on a video, number the frames in their names, or say times with --times; "
                   "of other photos leave --rolling-shutter out");
-    const std::string folder = std::filesystem::path(view.name).parent_path().string();
-    films[{folder, view.ids.camera, view.scale}].push_back(v);
+    films[{folder_of(view), view.ids.camera, view.scale}].push_back(v);
   }
   std::vector<std::vector<size_t>> out;
   for (auto& [key, views] : films) {
@@ -118,17 +123,17 @@ std::vector<int> lens_groups(const Scene& scene) {
 
 RollingShutter::RollingShutter(const Scene& scene, const CameraRecipe& recipe)
     : scene_(scene), learnt_(recipe.rolling_shutter.learnt) {
-  const std::vector<int> groups = lens_groups(scene);
-  const int lenses = groups.empty() ? 0 : *std::ranges::max_element(groups) + 1;
-  readouts_.assign(static_cast<size_t>(lenses), recipe.rolling_shutter.share);
+  std::map<std::pair<std::string, int>, size_t> cameras;
   for (const View& view : scene.views) {
     const size_t camera = static_cast<size_t>(view.camera);
-    lens_of_.push_back(groups[camera]);
+    const auto own = cameras.try_emplace({folder_of(view), view.ids.camera}, cameras.size());
+    camera_of_.push_back(own.first->second);
     LineMotion lines;
     lines.along = reading_direction(recipe.first_line, scene.cameras[camera]);
     lines.middle = 0.5 * (lines.along.x + lines.along.y);
     lines_.push_back(lines);
   }
+  readouts_.assign(cameras.size(), recipe.rolling_shutter.share);
   find_twists(scene, films_of(scene));
 }
 
@@ -188,7 +193,7 @@ void RollingShutter::find_twists(const Scene& scene,
 
 LineMotion RollingShutter::motion(size_t view) const {
   LineMotion lines = lines_[view];
-  lines.twist = twists_[view] * readouts_[lens_of(view)];
+  lines.twist = twists_[view] * readouts_[camera_of(view)];
   return lines;
 }
 
@@ -203,7 +208,8 @@ void RollingShutter::place(PixelSource& source) const {
 
 std::string RollingShutter::description() const {
   std::string readouts;
-  for (const double share : readouts_)
+  const size_t differing = learnt_ ? readouts_.size() : std::min<size_t>(readouts_.size(), 1);
+  for (const double share : std::span(readouts_).first(differing))
     readouts += fmt::format("{}{:.3g}", readouts.empty() ? "" : ", ", share);
   return fmt::format(
       "rolling shutter: {}{} of the time between two frames ({:.4g}), from the {}; {} of {} photos "

@@ -27,11 +27,12 @@ class RollingShutter {
   RollingShutter(const Scene& scene, const CameraRecipe& recipe);
 
   bool is_learnt() const { return learnt_; }
-  // Of each lens, the share of a frame's time in which the lines are read. One that is learnt
-  // begins as 0; below 0 they are read the other way round.
+  // Of each camera that filmed (a folder's, or as the capture numbers them), the share of a frame's
+  // time in which the lines are read. One that is learnt begins as 0; below 0 they are read the
+  // other way round.
   const std::vector<double>& readouts() const { return readouts_; }
-  size_t lens_of(size_t view) const { return static_cast<size_t>(lens_of_[view]); }
-  void set_readout(size_t lens, double share) { readouts_[lens] = share; }
+  size_t camera_of(size_t view) const { return camera_of_[view]; }
+  void set_readout(size_t camera, double share) { readouts_[camera] = share; }
 
   // Of a view's camera in a frame's time: camera axes, input unit.
   const Twist& twist(size_t view) const { return twists_[view]; }
@@ -47,7 +48,7 @@ class RollingShutter {
   const Scene& scene_;
   bool learnt_;
   std::vector<double> readouts_;
-  std::vector<int> lens_of_;  // of each view
+  std::vector<size_t> camera_of_;  // of each view
   std::vector<Twist> twists_;
   std::vector<LineMotion> lines_;  // of each view, without their twist
   double usual_ = 0;               // interval between neighbours; in the unit of View::clock

@@ -88,6 +88,9 @@ TEST(RollingShutter, OtherCamerasAreOtherFilms) {
   }
   const RollingShutter shutter(scene, with_readout(1));
   for (size_t v = 0; v < 6; ++v) expect_twist(shutter.twist(v), kTwist, std::to_string(v));
+  EXPECT_EQ(shutter.readouts().size(), 2u);
+  EXPECT_EQ(shutter.camera_of(2), 0u);
+  EXPECT_EQ(shutter.camera_of(3), 1u);
 }
 
 TEST(RollingShutter, LinesAreTheSensorsLongSide) {

@@ -52,7 +52,7 @@ struct CameraRecipe {
     v("rolling_shutter", rolling_shutter,
       "share of the time between a film's frames in which a frame's lines are read one after "
       "another (phones: 0.5 to 0.9), while the camera moves on as its poses before and after say; "
-      "auto: learnt for each lens, with the cameras where these are refined");
+      "auto: learnt for each camera, with the poses where these are refined");
     v("first_line", first_line,
       "side of the pixels as stored that is read first; auto: the top, of pictures higher than "
       "wide the right, as phones store what they film upright");
