@@ -184,6 +184,7 @@ class Training {
       save_options(command_);
     }
     if (!scene_.test.empty()) make_writable_folder(folder_.pictures());
+    log_lines(trainer_.rolling_shutter());
     save_notes();
     return resume;
   }
@@ -292,6 +293,7 @@ class Training {
     summary_.precision = precision_name(trainer_.options().precision);
     summary_.decode_seconds = photos_.decode_seconds;
     summary_.profile = trainer_.profile();
+    summary_.readouts = trainer_.readouts();
     write_result(folder_.result(), summary_);
     log_info(fmt::format("training    {}, {} steps, {}", format_duration(run.train_seconds),
                          run.steps, rate_text(run.samples_per_second(), "samples")));
@@ -299,6 +301,7 @@ class Training {
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
     write_left_out();
+    log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
     if (summary_.evaluation.aligned)

@@ -193,30 +193,31 @@ void write_cameras(const fs::path& folder, const ModelInfo& info, const Scene& s
 void write_result(const fs::path& path, const RunSummary& s) {
   const bool measured = s.evaluation.counted > 0;
   const auto aligned = [&](double x) { return s.evaluation.aligned ? Json(x) : Json(); };
-  write_file_atomically(path, dump(Json{{"scene", s.scene},
-                                        {"psnr", measured ? Json(s.evaluation.psnr) : Json()},
-                                        {"ssim", measured ? Json(s.evaluation.ssim) : Json()},
-                                        {"aligned_psnr", aligned(s.evaluation.aligned_psnr)},
-                                        {"aligned_ssim", aligned(s.evaluation.aligned_ssim)},
-                                        {"seconds", s.run.train_seconds},
-                                        {"steps", s.run.steps},
-                                        {"samples", s.run.samples},
-                                        {"samples_per_second", s.run.samples_per_second()},
-                                        {"rays", s.run.rays},
-                                        {"peak_memory_bytes", peak_memory_bytes()},
-                                        {"decode_seconds", s.decode_seconds},
-                                        {"evaluation_seconds", s.run.evaluation_seconds},
-                                        {"saving_seconds", s.run.saving_seconds},
-                                        {"profile", profile_json(s.profile)},
-                                        {"failures", s.run.failures},
-                                        {"seed", s.seed},
-                                        {"threads", s.threads},
-                                        {"simd", simd_target()},
-                                        {"precision", s.precision},
-                                        {"scales", scale_scores(s.evaluation)},
-                                        {"held_out", held_out_scores(s.evaluation)},
-                                        {"views", view_scores(s.evaluation)}},
-                                   2));
+  Json result{{"scene", s.scene},
+              {"psnr", measured ? Json(s.evaluation.psnr) : Json()},
+              {"ssim", measured ? Json(s.evaluation.ssim) : Json()},
+              {"aligned_psnr", aligned(s.evaluation.aligned_psnr)},
+              {"aligned_ssim", aligned(s.evaluation.aligned_ssim)},
+              {"seconds", s.run.train_seconds},
+              {"steps", s.run.steps},
+              {"samples", s.run.samples},
+              {"samples_per_second", s.run.samples_per_second()},
+              {"rays", s.run.rays},
+              {"peak_memory_bytes", peak_memory_bytes()},
+              {"decode_seconds", s.decode_seconds},
+              {"evaluation_seconds", s.run.evaluation_seconds},
+              {"saving_seconds", s.run.saving_seconds},
+              {"profile", profile_json(s.profile)},
+              {"failures", s.run.failures},
+              {"seed", s.seed},
+              {"threads", s.threads},
+              {"simd", simd_target()},
+              {"precision", s.precision},
+              {"scales", scale_scores(s.evaluation)},
+              {"held_out", held_out_scores(s.evaluation)},
+              {"views", view_scores(s.evaluation)}};
+  if (!s.readouts.empty()) result["readouts"] = s.readouts;
+  write_file_atomically(path, dump(result, 2));
 }
 
 }  // namespace nerf::apps

@@ -72,7 +72,8 @@ struct RunSummary {
   double decode_seconds = 0;
   RunResult run;
   Evaluation evaluation;
-  TrainProfile profile;  // of the steps of this process
+  TrainProfile profile;          // of the steps of this process
+  std::vector<double> readouts;  // Trainer::readouts()
 };
 
 // The model's cameras, at the size of the scene's photos: cameras.txt, images.txt, points3D.txt

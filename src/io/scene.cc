@@ -183,6 +183,9 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
   }
   sort_views(input);
   scene.times = internal::settle_times(input, scene.options, report);
+  const std::string& times = scene.options.times;
+  if (input.times && (times.empty() || (times == "frame" && input.times->on_request)))
+    scene.frame_interval = input.times->interval;
   scene.cameras = input.cameras;
   scene.views = input.views;
   scene.points = std::move(input.points);

@@ -191,6 +191,11 @@ void give_film_times(const fs::path& file, const fs::path& video, SceneInput& in
   }
   input.times =
       SceneInput::Times{.source = video.filename().string(), .seconds = true, .on_request = true};
+  if (const fs::path film = file.parent_path() / kFilm; is_file(film)) {
+    const nlohmann::json read = read_lenient_json(film);
+    if (const auto it = read.find("frame_interval"); it != read.end() && it->is_number())
+      input.times->interval = std::max(0.0, it->get<double>());
+  }
 }
 
 }  // namespace

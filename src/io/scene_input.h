@@ -30,6 +30,7 @@ struct SceneInput {
     std::string source = {};  // CaptureTimes::source
     bool seconds = false;
     bool on_request = false;  // used where SceneOptions::times asks for it: most videos stand still
+    double interval = 0;      // between the film's own frames, of which the views are some; 0: ?
   };
   std::optional<Times> times;
   std::filesystem::path image_folder;  // what View::name is relative to, for masks

@@ -58,6 +58,17 @@ SceneInput::Times times_of_names(std::vector<View>& views) {
   return {.source = "numbers in the names"};
 }
 
+// View::clock where nothing else says when the photos were taken.
+void give_clock_of_names(std::vector<View>& views) {
+  std::vector<double> numbers;
+  for (const View& view : views) {
+    const auto number = number_in(fs::path(view.name).stem().string());
+    if (!number || !(*number <= kLargest)) return;
+    numbers.push_back(*number);
+  }
+  for (size_t i = 0; i < views.size(); ++i) views[i].clock = numbers[i];
+}
+
 // Their place among the photos of their folder. A folder is a camera of a rig, or, of Blender's
 // transforms, a split that runs over all times (as D-NeRF's loader takes frames without "time").
 SceneInput::Times times_of_order(std::vector<View>& views, bool stretched) {
@@ -122,7 +133,11 @@ CaptureTimes settle_times(SceneInput& input, const SceneOptions& options, SceneR
   const bool asked = !options.times.empty();
   const bool offered = input.times && input.times->on_request && !asked;
   if (!asked && (!input.times || offered)) {
-    for (View& view : input.views) view.time = 0;
+    if (!offered) give_clock_of_names(input.views);
+    for (View& view : input.views) {
+      if (offered) view.clock = view.time;
+      view.time = 0;
+    }
     if (offered)
       report.notes.push_back("the frames of " + input.times->source +
                              " have times, and are taken as of one moment (--times frame: what "
@@ -130,6 +145,7 @@ CaptureTimes settle_times(SceneInput& input, const SceneOptions& options, SceneR
     return {};
   }
   const SceneInput::Times found = asked ? asked_times(input, options, report) : *input.times;
+  for (View& view : input.views) view.clock = view.time;
   CaptureTimes times;
   times.source = found.source;
   times.seconds = found.seconds;

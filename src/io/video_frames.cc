@@ -103,6 +103,16 @@ void store_times(const fs::path& file, const std::vector<int>& chosen,
   write_file_atomically(file, "{" + text + "\n}\n");
 }
 
+// The usual time between two of the film's frames, and nothing where its clock is not known.
+void store_interval(const fs::path& file, const std::vector<double>& times) {
+  if (times.size() < 2) return;
+  std::vector<double> steps;
+  for (size_t i = 1; i < times.size(); ++i) steps.push_back(times[i] - times[i - 1]);
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::ranges::nth_element(steps, middle);
+  write_file_atomically(file, fmt::format("{{\"frame_interval\": {:.6f}}}\n", *middle));
+}
+
 bool has_filter(const std::string& ffmpeg, const std::string& name) {
   bool found = false;
   ProcessOptions options;
@@ -191,8 +201,9 @@ fs::path extract_video_frames(const fs::path& video, const fs::path& work_folder
   const std::vector<int> chosen =
       internal::sharpest_of_windows(stream.scores(), stream.motions(), max_frames);
   store_frames(ffmpeg, source, chosen, fs::absolute(staged.path()), progress, cancel);
-  store_times(work_folder / kFrameTimes, chosen,
-              frame_times(source, stream.scores().size(), cancel));
+  const std::vector<double> times = frame_times(source, stream.scores().size(), cancel);
+  store_times(work_folder / kFrameTimes, chosen, times);
+  store_interval(work_folder / kFilm, times);
   staged.commit(key);
   return result;
 }

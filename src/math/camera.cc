@@ -213,6 +213,15 @@ void internal::unproject_wanted(const Camera& camera, int x, int y, const uint8_
   }
 }
 
+double line_share(const Camera& camera, const Vec2d& pixel) {
+  const LineMotion& m = camera.motion;
+  return pixel.x / camera.width * m.along.x + pixel.y / camera.height * m.along.y - m.middle;
+}
+
+Pose line_pose(const Camera& camera, const Pose& pose, double share) {
+  return camera.motion.any() ? moved(pose, motion_by(camera.motion.twist * share)) : pose;
+}
+
 double pixel_cone_radius(const Camera& camera, const Vec2d& pixel) {
   if (is_panorama(camera)) return internal::panorama_cone_radius(camera, pixel);
   const auto here = unproject(camera, pixel);

@@ -123,12 +123,15 @@ Camera Camera::rows(int first, int count) const {
   Camera part = *this;
   part.height = count;
   part.params[row(model).focals == 2 ? 3 : 2] -= first;
+  part.motion.along.y *= static_cast<double>(count) / height;
+  part.motion.middle -= motion.along.y * first / height;
   return part;
 }
 
 Camera Camera::in_unit(double scale) const {
   Camera moved = *this;
   if (model == CameraModel::kEquirectangular) moved.params[4] *= scale;
+  moved.motion.twist.translation = moved.motion.twist.translation * scale;
   return moved;
 }
 

@@ -40,7 +40,9 @@ Camera panorama(int width, int height, double azimuths) {
   return camera;
 }
 
-Pose ray_pose(const Camera& camera, const Pose& camera_to_world, const Vec2d& pixel) {
+Pose ray_pose(const Camera& camera, const Pose& given, const Vec2d& pixel) {
+  const Pose camera_to_world =
+      camera.motion.any() ? line_pose(camera, given, line_share(camera, pixel)) : given;
   if (!is_panorama(camera) || camera.params[4] == 0) return camera_to_world;
   const double azimuth = angles_of(camera, pixel).azimuth;
   const Vec3d right{std::cos(azimuth), 0, -std::sin(azimuth)};

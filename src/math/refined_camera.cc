@@ -3,24 +3,16 @@
 #include <cmath>
 
 #include "lens.h"
+#include "rotation_series.h"
 
 namespace nerf {
+
+using internal::cosine_ratio;
+using internal::sine_ratio;
 
 namespace {
 
 Vec3d turned_twice(const Vec3d& w, const Vec3d& v) { return cross(w, cross(w, v)); }
-
-// (1 - cos x) / x^2 and (x - sin x) / x^3, of x^2; exact to rounding for small x too.
-double cosine_ratio(double x2) {
-  if (x2 < 1e-4) return 0.5 - x2 / 24 + x2 * x2 / 720;
-  const double half = std::sin(0.5 * std::sqrt(x2));
-  return 2 * half * half / x2;
-}
-double sine_ratio(double x2) {
-  if (x2 < 1e-2) return 1.0 / 6 - x2 / 120 + x2 * x2 / 5040 - x2 * x2 * x2 / 362880;
-  const double x = std::sqrt(x2);
-  return (x - std::sin(x)) / (x2 * x);
-}
 
 bool has_one_focal(CameraModel model) {
   switch (model) {

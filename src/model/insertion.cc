@@ -228,9 +228,9 @@ struct Insertion::Impl {
         Sight sight;
         sight.pixel = static_cast<size_t>(y) * width + static_cast<size_t>(x);
         directions[sight.pixel] = in_camera.cast<Real>();
-        sight.ray.origin =
-            ray_pose(camera, pose, {x + 0.5, static_cast<double>(y) + 0.5}).translation;
-        sight.ray.direction = pose.rotation * in_camera;
+        const Pose at = ray_pose(camera, pose, {x + 0.5, static_cast<double>(y) + 0.5});
+        sight.ray.origin = at.translation;
+        sight.ray.direction = at.rotation * in_camera;
         sight.ray.time = render.time;
         sight.ray.background = background;
         sight.met = surfaces(sight.ray);

@@ -53,6 +53,20 @@ Json camera_to_json(const Camera& camera) {
           {"params", params}};
 }
 
+Json line_motion_to_json(const LineMotion& m) {
+  return {{"rotation", vector_to_json(m.twist.rotation)},
+          {"translation", vector_to_json(m.twist.translation)},
+          {"along", {m.along.x, m.along.y}},
+          {"middle", m.middle}};
+}
+
+LineMotion line_motion_from(const JsonFields& f) {
+  const auto along = f.numbers("along", 2);
+  return {{vector_from(f, "rotation"), vector_from(f, "translation")},
+          {along[0], along[1]},
+          f.number("middle")};
+}
+
 Camera camera_from(const JsonFields& f) {
   Camera camera;
   const auto model = camera_model_from_name(f.text("model"));
@@ -76,6 +90,7 @@ Json model_info_to_json(const ModelInfo& info) {
                      {"camera", camera_to_json(v.camera)},
                      {"rotation", rotation_to_json(v.pose.rotation)},
                      {"centre", vector_to_json(v.pose.translation)}});
+    if (v.motion.any()) views.back()["line_motion"] = line_motion_to_json(v.motion);
     if (v.ids != ViewIds{}) views.back()["ids"] = {v.ids.moment, v.ids.appearance, v.ids.camera};
   }
   Json json = {{"method", info.method},
@@ -133,6 +148,7 @@ ModelInfo model_info_from_json(const JsonFields& header) {
       view.ids = {static_cast<int>(ids[0]), static_cast<int>(ids[1]), static_cast<int>(ids[2])};
     }
     view.camera = camera_from(v.object("camera"));
+    if (v.has("line_motion")) view.motion = line_motion_from(v.object("line_motion"));
     view.pose.rotation = rotation_from(v, "rotation");
     view.pose.translation = vector_from(v, "centre");
     info.views.push_back(std::move(view));

@@ -50,8 +50,8 @@ class SeenSurface {
       return std::nullopt;
     const double distance =
         static_cast<double>(frame_.depth_z[p]) * unit_ / depth_per_distance(camera_, ray);
-    return ray_pose(camera_, pose_, {x + 0.5, y + 0.5}).translation +
-           pose_.rotation * ray * distance;
+    const Pose pose = ray_pose(camera_, pose_, {x + 0.5, y + 0.5});
+    return pose.translation + pose.rotation * ray * distance;
   }
   size_t index(int x, int y) const {
     return static_cast<size_t>(y) * static_cast<size_t>(camera_.width) + static_cast<size_t>(x);

@@ -82,6 +82,12 @@ class TileRenderer {
     for (int y = y0; y < y1; ++y)
       unproject_wanted(camera_, x0, y, wanted_ ? wanted_ + pixel(x0, y) : nullptr,
                        std::span(directions_).subspan(static_cast<size_t>(y - y0) * width, width));
+    if (!camera_.motion.any()) return;
+    for (int y = y0; y < y1; ++y)
+      for (int x = x0; x < x1; ++x) {
+        Vec3d& d = directions_[static_cast<size_t>(place_of(x, y))];
+        if (d != Vec3d()) d = ray_pose(camera_, {}, {x + 0.5, y + 0.5}).rotation * d;
+      }
   }
 
   int pixel(int x, int y) const { return y * camera_.width + x; }
@@ -94,7 +100,7 @@ class TileRenderer {
   }
   bool is_wanted(int x, int y) const { return !wanted_ || wanted_[pixel(x, y)]; }
 
-  // In camera coordinates, of unit length; zero where the lens sees nothing.
+  // In coordinates of the picture's one pose, of unit length; zero where the lens sees nothing.
   const Vec3d& direction_of(int x, int y) const {
     return directions_[static_cast<size_t>(place_of(x, y))];
   }
@@ -117,10 +123,13 @@ class TileRenderer {
     double spread = 0;
     each([&](const Vec3d& d) { spread = std::max(spread, dot(d - axis, d - axis)); });
     // Columns differ in where their rays begin: none is further away than the whole tile's width.
+    // With lines that are read one after another all pixels do.
     const Vec3d origin = pose_of(x0, y0).translation;
     double width = 0;
-    for (int x = x0; x < x1; ++x)
-      width = std::max(width, length(pose_of(x, y0).translation - origin));
+    const int rows = camera_.motion.any() ? y1 : y0 + 1;
+    for (int y = y0; y < rows; ++y)
+      for (int x = x0; x < x1; ++x)
+        width = std::max(width, length(pose_of(x, y).translation - origin));
     return clear_until(occupancy_, {origin, pose_.rotation * axis, std::sqrt(spread), near, width});
   }
 

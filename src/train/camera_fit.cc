@@ -21,6 +21,7 @@ constexpr int kIterations = 6;  // of each
 
 struct FittedPixel {
   Vec3d direction;  // camera axes, unit
+  double share;     // line_share()
   Real rgb[3];      // over the background
 };
 
@@ -40,9 +41,10 @@ std::vector<FittedPixel> pixels_of(const Photo& photo, const Camera& camera,
     const int x = within(i % columns, columns, photo.width);
     const int y = within(i / columns, rows, photo.height);
     if (photo.masked_out(x, y)) continue;
-    const auto direction = unproject(camera, {x + 0.5, y + 0.5});
+    const Vec2d at{x + 0.5, y + 0.5};
+    const auto direction = unproject(camera, at);
     if (!direction) continue;
-    FittedPixel pixel{normalized(*direction), {}};
+    FittedPixel pixel{normalized(*direction), line_share(camera, at), {}};
     Real rgba[4];
     photo.pixel(x, y, rgba);
     for (int k = 0; k < 3; ++k) pixel.rgb[k] = rgba[k] * rgba[3] + background[k] * (1 - rgba[3]);
@@ -67,6 +69,7 @@ CameraFit fit_camera(const RadianceField& field, const Camera& camera, const Pos
   const Pose given = field.info().to_engine.apply(pose);
   CameraFit fit{pose};
   const std::vector<FittedPixel> pixels = pixels_of(photo, camera, options.background);
+  const Camera own = camera.in_unit(field.info().to_engine.scale);
   const bool one_centre = !is_panorama(camera) || camera.params[4] == 0;
   if (pixels.empty() || !one_centre) return fit;
   const Real radius =
@@ -80,8 +83,9 @@ CameraFit fit_camera(const RadianceField& field, const Camera& camera, const Pos
     const Pose at = corrected(given, correction(x));
     for (size_t i = 0; i < pixels.size(); ++i) {
       Ray& ray = rays[i];
-      ray.origin = at.translation;
-      ray.direction = at.rotation * pixels[i].direction;
+      const Pose of_line = line_pose(own, at, pixels[i].share);
+      ray.origin = of_line.translation;
+      ray.direction = of_line.rotation * pixels[i].direction;
       ray.near = field.info().near;
       ray.radius = radius;
       ray.time = options.time;

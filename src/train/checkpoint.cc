@@ -40,6 +40,11 @@ void check_scene(const JsonFields& header, const internal::SceneFingerprint& own
                   "resume with the scene and the options that it was begun with");
 }
 
+internal::SceneFingerprint fingerprint_of(const TrainerImpl& t) {
+  const bool clock = t.options.grid_recipe.cameras.rolling_shutter.any();
+  return internal::scene_fingerprint(t.scene, t.photos, clock);
+}
+
 // Everything but the planned length, which the checkpoint decides.
 TrainOptions checked_options(const JsonFields& header, const TrainOptions& own) {
   TrainOptions saved;
@@ -64,8 +69,7 @@ void Trainer::save_checkpoint(const std::filesystem::path& path,
   const TrainerImpl& t = *impl_;
   Json header;
   header["options"] = Json::parse(options_to_json(t.options));
-  for (const auto& [aspect, hash] : internal::scene_fingerprint(t.scene, t.photos))
-    header["scene"][aspect] = hash;
+  for (const auto& [aspect, hash] : fingerprint_of(t)) header["scene"][aspect] = hash;
   header["real"] = kReal;
   header["run"] = run_state;
   Json state = {{"done", t.done}, {"salt", t.salt}, {"rate_factor", t.rate_factor}};
@@ -81,7 +85,7 @@ std::string Trainer::load_checkpoint(const std::filesystem::path& path) {
   const internal::ContainerReader file(path, kFormat);
   const JsonFields header = JsonFields::parse(file.header(), path.string());
   check_real(header);
-  check_scene(header, internal::scene_fingerprint(t.scene, t.photos));
+  check_scene(header, fingerprint_of(t));
   const TrainOptions options = checked_options(header, t.options);
   const std::string run_state = header.text("run");
   const JsonFields state = header.object("state");

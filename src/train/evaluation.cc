@@ -86,12 +86,19 @@ Score mean_score(const std::vector<ViewScore>& of) {
   return s;
 }
 
-// The lens that the model has for a photo; the photo's own where it has none.
-const Camera& camera_of(const ModelInfo& info, const std::string& name, const Camera& own) {
-  for (const ModelView& view : info.views)
-    if (view.name == name && view.camera.width == own.width && view.camera.height == own.height)
-      return view.camera;
-  return own;
+// A photo's own camera, as it moved while the photo was read by what the model knows; with the lens
+// that the model has for it where that is asked for and there is one.
+Camera camera_of(const ModelInfo& info, const std::string& name, const Camera& own,
+                 bool models_lens) {
+  Camera camera = own;
+  for (const ModelView& view : info.views) {
+    if (view.name != name) continue;
+    if (models_lens && view.camera.width == own.width && view.camera.height == own.height)
+      camera = view.camera;
+    camera.motion = view.motion;
+    break;
+  }
+  return camera;
 }
 
 }  // namespace
@@ -159,9 +166,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
       if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
     };
     render_options.time = static_cast<Real>(scene.views[v].time);
-    const Camera& camera = options.align
-                               ? camera_of(model.info(), scene.views[v].name, photos.cameras[v])
-                               : photos.cameras[v];
+    const Camera camera =
+        camera_of(model.info(), scene.views[v].name, photos.cameras[v], options.align);
     if (!result.halves && model.field().codes().camera.out > 0)
       render_options.appearance.code =
           model.field().default_code(render_options.time, scene.views[v].ids.camera);

@@ -14,7 +14,7 @@ namespace nerf {
 // (Lin et al. 2021).
 int64_t GridTrainer::open_levels() const {
   const int64_t levels = static_cast<int64_t>(field.shape.levels.size());
-  if (!cameras) return levels;
+  if (!cameras || options.grid_recipe.cameras.refine != RefineCameras::kOn) return levels;
   const CameraRecipe& r = options.grid_recipe.cameras;
   const int64_t first = std::min<int64_t>(r.first_levels, levels);
   const double progress = progress_at(done);
@@ -52,9 +52,13 @@ void GridTrainer::find_ray_moves(int64_t c) {
     move.source = lines.source[static_cast<size_t>(c * kChunkRays + ray)];
     const Vec3 direction{directions[ray], directions[kChunkRays + ray],
                          directions[2 * kChunkRays + ray]};
-    const Vec3 origin =
-        move.source < 0 ? Vec3{}
-                        : source.pose_of(static_cast<size_t>(move.source)).translation.cast<Real>();
+    const double share = lines.share[static_cast<size_t>(c * kChunkRays + ray)];
+    Pose pose;  // while the ray's line was read
+    if (move.source >= 0) {
+      const size_t i = static_cast<size_t>(move.source);
+      pose = line_pose(source.camera_of(i), source.pose_of(i), share);
+    }
+    const Vec3 origin = pose.translation.cast<Real>();
     Vec3d by_direction;
     for (; s < kept && lines.ray[static_cast<size_t>(c * ld + s)] == ray; ++s) {
       const Real distance = lines.distance[static_cast<size_t>(c * ld + s)];
@@ -67,7 +71,7 @@ void GridTrainer::find_ray_moves(int64_t c) {
     }
     if (move.source < 0) continue;
     move.torque = cross(direction.cast<double>(), by_direction);
-    cameras->find_lens_gradient(direction.cast<double>(), by_direction, move);
+    cameras->find_gradient(pose, share, direction.cast<double>(), by_direction, move);
   }
 }
 

@@ -104,8 +104,14 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   chunk_squared_error.resize(chunk_loss.size());
   corrections.resize(2 * kBiasCorrections);
   queries.resize(static_cast<size_t>(pool.size()));
-  if (o.grid_recipe.cameras.refine == RefineCameras::kOn) {
-    cameras = std::make_unique<CameraRefinement>(scene, photos, o.grid_recipe.cameras, source);
+  const CameraRecipe& camera_recipe = o.grid_recipe.cameras;
+  if (camera_recipe.rolling_shutter.any()) {
+    shutter = std::make_unique<RollingShutter>(scene, camera_recipe);
+    shutter->place(source);
+  }
+  if (camera_recipe.refine == RefineCameras::kOn || camera_recipe.rolling_shutter.learnt) {
+    cameras =
+        std::make_unique<CameraRefinement>(scene, photos, camera_recipe, source, shutter.get());
     ray_moves.resize(batch.weight.size());
   }
   if (cameras || has_medium()) batch.keep_lines();

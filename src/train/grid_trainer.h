@@ -77,6 +77,7 @@ struct GridTrainer final : TrainerImpl {
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
   const CameraRefinement* refined_cameras() const override { return cameras.get(); }
+  const RollingShutter* rolling_shutter() const override { return shutter.get(); }
   const RobustMask* robust_mask() const override { return robust.get(); }
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
   void load_state(const internal::ContainerReader& file,
@@ -153,6 +154,7 @@ struct GridTrainer final : TrainerImpl {
   std::vector<double> chunk_loss, chunk_opacity, chunk_squared_error;  // sums over rays
   std::unique_ptr<RobustMask> robust;                                  // none: every pixel teaches
   std::vector<Real> ray_errors;  // then: absolute, mean over channels; [chunk][kChunkRays]
+  std::unique_ptr<RollingShutter> shutter;    // none: a photo's lines are read at once
   std::unique_ptr<CameraRefinement> cameras;  // none: they stay
   std::unique_ptr<MovingSamples> moving;      // none: the scene stands still
   AlignedArray<Real> d_position;              // grid coordinates, [chunk][3][kChunkSamples]

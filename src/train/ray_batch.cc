@@ -52,6 +52,7 @@ void RayBatch::keep_lines() {
   lines->distance = AlignedArray<Real>(x.size());
   lines->ray.resize(x.size());
   lines->source.resize(weight.size());
+  lines->share.resize(weight.size());
 }
 
 RayBatchMaker::RayBatchMaker(const PixelSource& source, const GridField& field, bool intervals,
@@ -99,7 +100,10 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     Random& random = randoms[static_cast<size_t>(i)];
     const PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
-    if (given.empty()) record.source = static_cast<int32_t>(pixel.source);
+    if (given.empty()) {
+      record.source = static_cast<int32_t>(pixel.source);
+      record.share = line_share(*pixel.camera, pixel.centre());
+    }
     record.weight = pixel.weight;
     record.photo = pixel.ray.photo;
     record.time = pixel.ray.time;
@@ -167,6 +171,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     if (lines_) {
       copy(block.distance, batch.lines->distance);
       batch.lines->source[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.source;
+      batch.lines->share[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.share;
     }
     copy(block.delta, batch.delta);
     copy(block.cell, batch.cell);

@@ -51,8 +51,8 @@ class PixelSource {
   const std::vector<std::string>& files() const { return file_names_; }
   int file_of(size_t i) const { return files_[i]; }
   Real time_of(size_t i) const { return times_[i]; }  // Ray::time
-  // Of the i-th training photo: camera-to-engine, and the camera at the photo's size. They begin as
-  // the scene's.
+  // Of the i-th training photo: camera-to-engine, and the camera at the photo's size, its motion in
+  // engine units. They begin as the scene's, without motion.
   const Pose& pose_of(size_t i) const { return poses_[i]; }
   const Camera& camera_of(size_t i) const { return cameras_[i]; }
   void place(size_t i, const Pose& pose, const Camera& camera) {
@@ -92,6 +92,7 @@ struct RayLines {
   AlignedArray<Real> distance;  // from the camera, engine units; [chunk][kChunkSamples]
   std::vector<int32_t> ray;     // of the chunk, once the samples that learn are known; likewise
   std::vector<int32_t> source;  // PixelSource::Pixel::source, or -1; [chunk][kChunkRays]
+  std::vector<double> share;    // line_share() of the ray's pixel; likewise
 };
 
 // Samples of one step. Chunk c owns columns [c * kChunkSamples, ...) and rays [c * kChunkRays,
@@ -171,6 +172,7 @@ class RayBatchMaker {
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
     Real depth = 0, time = 0;
+    double share = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;
     Ray line;  // of an open step

@@ -33,8 +33,8 @@ class Hash {
 
 }  // namespace
 
-SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
-  Hash names, sizes, split, cameras, poses, times, frame;
+SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos, bool clock) {
+  Hash moments, names, sizes, split, cameras, poses, times, frame;
   bool timed = false;
   for (size_t i = 0; i < scene.views.size(); ++i) {
     const View& view = scene.views[i];
@@ -77,6 +77,10 @@ SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos) {
                        {"poses", poses.text()},
                        {"region and up direction", frame.text()}};
   if (timed) all.emplace_back("times", times.text());
+  if (!clock) return all;
+  for (const View& view : scene.views) moments.add(view.clock.value_or(-1));
+  moments.add(scene.frame_interval);
+  all.emplace_back("times of the frames", moments.text());
   return all;
 }
 

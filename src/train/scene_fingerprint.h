@@ -15,6 +15,7 @@ namespace nerf::internal {
 // found in them.
 using SceneFingerprint = std::vector<std::pair<std::string, std::string>>;
 
-SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos);
+// clock: whether training depends on View::clock.
+SceneFingerprint scene_fingerprint(const Scene& scene, const PhotoSet& photos, bool clock = false);
 
 }  // namespace nerf::internal

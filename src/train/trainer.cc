@@ -6,6 +6,7 @@
 #include "nerf/train/methods.h"
 #include "train/camera_refinement.h"
 #include "train/method_rows.h"
+#include "train/rolling_shutter.h"
 #include "train/trainer_impl.h"
 
 namespace nerf {
@@ -124,13 +125,25 @@ RadianceField Trainer::snapshot() const {
     const View& view = impl_->scene.views[v];
     if (view.scale > 1) continue;  // the same camera again
     info.views.push_back(
-        {view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time, view.ids});
+        {view.name, impl_->photos.cameras[v], view.pose, held_out[v], view.time, view.ids, {}});
     if (const CameraRefinement* const refined = impl_->refined_cameras()) {
       info.views.back().camera = refined->camera(v);
       info.views.back().pose = refined->pose(v);
     }
+    if (const RollingShutter* const shutter = impl_->rolling_shutter())
+      info.views.back().motion = shutter->motion(v);
   }
   return impl_->snapshot(std::move(info));
+}
+
+std::string Trainer::rolling_shutter() const {
+  const RollingShutter* const shutter = impl_->rolling_shutter();
+  return shutter ? shutter->description() : "";
+}
+
+std::vector<double> Trainer::readouts() const {
+  const RollingShutter* const shutter = impl_->rolling_shutter();
+  return shutter ? shutter->readouts() : std::vector<double>();
 }
 
 void Trainer::vary(uint64_t salt, double rate_factor) {

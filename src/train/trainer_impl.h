@@ -16,6 +16,7 @@
 namespace nerf {
 
 class CameraRefinement;
+class RollingShutter;
 
 struct TrainerImpl {
   TrainerImpl(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,
@@ -80,6 +81,7 @@ struct TrainerImpl {
   virtual void begin_anew() = 0;
   virtual RadianceField snapshot(ModelInfo info) const = 0;
   virtual const CameraRefinement* refined_cameras() const { return nullptr; }
+  virtual const RollingShutter* rolling_shutter() const { return nullptr; }
   virtual const RobustMask* robust_mask() const { return nullptr; }
   // Everything that a step reads and the step before wrote, besides the members of this class.
   virtual void save_state(internal::ContainerWriter& file,

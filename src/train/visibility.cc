@@ -244,7 +244,9 @@ struct Moment {
 void switch_off_impossible_cells(const Scene& scene, const PhotoSet& photos,
                                  const TrainOptions& options, ThreadPool& pool,
                                  OccupancyGrid& grid) {
-  const bool carves = scene.alpha && !options.grid_recipe.keep_transparent;
+  // Where lines have poses of their own, the hull that is seen from one is too small.
+  const bool carves = scene.alpha && !options.grid_recipe.keep_transparent &&
+                      !options.grid_recipe.cameras.rolling_shutter.any();
   const bool keep_unseen = options.grid_recipe.keep_unseen;
   if (keep_unseen && !carves) return;
   std::map<double, Moment> moments;  // where alpha carves; else all in one

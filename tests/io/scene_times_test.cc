@@ -133,6 +133,30 @@ TEST(SceneTimes, OnRequest) {
   EXPECT_TRUE(moving.unit.seconds);
 }
 
+// What says when a frame was taken where nothing moves: files, a film's clock, or names.
+TEST(SceneTimes, FramesHaveAClock) {
+  const auto clocks = [](SceneInput input, const std::string& option) {
+    SceneOptions options;
+    options.times = option;
+    SceneReport report;
+    settle_times(input, options, report);
+    std::vector<double> out;
+    for (const View& view : input.views) out.push_back(view.clock.value_or(-1));
+    return out;
+  };
+  const SceneInput frames = named({"frame_07.png", "frame_09.png", "frame_12.png"});
+  EXPECT_EQ(clocks(frames, ""), (Times{7, 9, 12}));
+  EXPECT_EQ(clocks(frames, "frame"), (Times{0, 1, 2}));
+  EXPECT_EQ(clocks(named({"frame_07.png", "b.png"}), ""), (Times{-1, -1}));
+  SceneInput film = frames;
+  film.times = SceneInput::Times{.source = "film.mp4", .seconds = true, .on_request = true};
+  film.views[1].time = 0.25;
+  film.views[2].time = 2.5;
+  EXPECT_EQ(clocks(film, ""), (Times{0, 0.25, 2.5}));
+  EXPECT_EQ(clocks(film, "frame"), (Times{0, 0.25, 2.5}));
+  EXPECT_EQ(clocks(film, "name"), (Times{7, 9, 12}));
+}
+
 TEST(SceneTimes, WhatIsNewInHeldOutViews) {
   Scene scene;
   scene.views.resize(4);

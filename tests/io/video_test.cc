@@ -201,6 +201,9 @@ TEST_F(Video, EveryFrameOfAVariableRateCounts) {
   for (int i = 0; i < 12; ++i)
     EXPECT_NEAR(times.at(fmt::format("frame_{:06}.jpg", i + 1)).get<double>(),
                 (i < 6 ? i : 5 * i) / 25.0, 1e-3);
+  // Five steps of 1 / 25 s, one of 25 / 25 and five of 5 / 25: the middle one.
+  const auto film_file = nlohmann::json::parse(test::read_text(folder_ / "work" / kFilm));
+  EXPECT_NEAR(film_file.at("frame_interval").get<double>(), 5 / 25.0, 1e-3);
 }
 
 TEST_F(Video, FilesOf360CamerasAreRefusedClearly) {

@@ -40,6 +40,7 @@ ModelInfo sample_info() {
     view.held_out = i == 1;
     view.time = i / 3.0;
     if (i == 1) view.ids = {7, -1, 2};
+    if (i == 1) view.motion = {{{0.1, -1.0 / 3, 2e-9}, {4, 0, 0.7}}, {-1, 0}, -0.5};
     info.views.push_back(view);
   }
   return info;
@@ -128,6 +129,9 @@ TEST(ModelFile, KeepsEverything) {
       EXPECT_EQ(a.views[i].camera.height, b.views[i].camera.height);
       EXPECT_EQ(a.views[i].camera.params, b.views[i].camera.params);
       EXPECT_EQ(a.views[i].pose.rotation.m, b.views[i].pose.rotation.m);
+      EXPECT_EQ(a.views[i].motion.twist, b.views[i].motion.twist);
+      EXPECT_EQ(a.views[i].motion.along, b.views[i].motion.along);
+      EXPECT_EQ(a.views[i].motion.middle, b.views[i].motion.middle);
       EXPECT_EQ(a.views[i].pose.translation, b.views[i].pose.translation);
       EXPECT_EQ(a.views[i].held_out, b.views[i].held_out);
       EXPECT_EQ(a.views[i].time, b.views[i].time);

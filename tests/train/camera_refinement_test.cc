@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "math/worst_error.h"
+#include "support/synthetic_film.h"
 #include "support/synthetic_scene.h"
 #include "support/temp_folder.h"
 #include "support/tiny_options.h"
@@ -42,9 +43,11 @@ class CarriedBatch {
     for (int64_t c = 0; c < b.chunks; ++c)
       for (int r = 0; r < b.rays[static_cast<size_t>(c)]; ++r) {
         const size_t source = source_of(c, r);
-        const Mat3d to_camera = t_.source.pose_of(source).rotation.transposed();
+        const double share = b.lines->share[static_cast<size_t>(c * kChunkRays + r)];
+        const Camera& camera = t_.source.camera_of(source);
+        const Pose pose = line_pose(camera, t_.source.pose_of(source), share);
         pixels_.push_back(
-            *project(t_.source.camera_of(source), to_camera * direction(c, r).cast<double>()));
+            *project(camera, pose.rotation.transposed() * direction(c, r).cast<double>()));
       }
   }
 
@@ -89,9 +92,9 @@ class CarriedBatch {
   std::vector<Real> distances_;
 };
 
-// Of the whole chain: loss, networks, lookup, contraction, ray, pose and lens.
-void compare_gradient(bool unbounded) {
-  auto c = sphere_capture(5, 24);
+// Of the whole chain: loss, networks, lookup, contraction, ray, pose, lens and, of a film, readout.
+void compare_gradient(bool unbounded, bool filmed = false) {
+  auto c = filmed ? test::film_capture(5, 24, 0.8) : sphere_capture(5, 24);
   c.scene.unbounded = unbounded;
   TrainOptions o = refining(1000);
   // Coarse cells, so that few samples cross a border within the differences' step; every sample of
@@ -106,6 +109,7 @@ void compare_gradient(bool unbounded) {
   o.precision = Precision::kF32;
   o.grid_recipe.cameras.first_step = 1000;
   o.grid_recipe.cameras.centre = true;
+  o.grid_recipe.cameras.rolling_shutter.learnt = filmed;
   ThreadPool pool(2);
   Trainer trainer(c.scene, c.photos, o, pool);
   for (int i = 0; i < 60; ++i) trainer.step();
@@ -129,13 +133,17 @@ void compare_gradient(bool unbounded) {
   // In float the loss is rounded, and a wide step crosses cells, whose slopes differ: with 1e-4 the
   // differences are further off, and with 3e-6 as well.
   const double h = is_float ? 1e-5 : 1e-7, tolerance = (is_float ? 3e-2 : 1e-5) * norm;
-  WorstError worst(unbounded ? "camera_gradient_unbounded" : "camera_gradient");
+  WorstError worst(filmed      ? "camera_gradient_filmed"
+                   : unbounded ? "camera_gradient_unbounded"
+                               : "camera_gradient");
   for (size_t i = 0; i < values.size(); ++i) {
     const auto loss_at = [&](double x) {
       std::vector<double> moved = values;
       moved[i] += x;
       t.cameras->set_values(moved);
-      return batch.loss();
+      double prior = 0;
+      for (const double r : trainer.readouts()) prior += CameraRefinement::kReadoutPrior * r * r;
+      return batch.loss() + prior;
     };
     worst.compare(got[i], (loss_at(h) - loss_at(-h)) / (2 * h), tolerance, "parameter", i);
   }
@@ -144,6 +152,10 @@ void compare_gradient(bool unbounded) {
 
 TEST(CameraRefinement, GradientOfAStepByItsCameras) { compare_gradient(false); }
 TEST(CameraRefinement, GradientThroughTheContraction) { compare_gradient(true); }
+TEST(CameraRefinement, GradientOfAFilmsStep) {
+  compare_gradient(false, true);
+  compare_gradient(true, true);
+}
 
 TEST(CameraRefinement, IsTheSameForAnyNumberOfThreads) {
   const auto c = sphere_capture(6, 24);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "nerf/train/trainer.h"
+#include "support/synthetic_film.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 
@@ -82,6 +83,11 @@ inline void cameras_at_once(OptionSetting& s) {
 inline void refined(OptionSetting& s) {
   cameras_at_once(s);
   s.options.grid_recipe.cameras.refine = RefineCameras::kOn;
+}
+inline void filmed(OptionSetting& s) { film(s.capture, 0.8); }
+inline void filmed_by_rows(OptionSetting& s) {
+  filmed(s);
+  s.options.grid_recipe.cameras.rolling_shutter = {false, 0.8};
 }
 inline void without_crop(OptionSetting& s) { s.options.recipe.crop_steps = 0; }
 inline void warmed_up(OptionSetting& s) { s.options.recipe.warmup_rate = 0.1; }
@@ -244,6 +250,8 @@ inline const std::vector<OptionLine>& option_lines() {
       {"camera_centre", {"true"}, refined},
       {"camera_first_levels", {"3"}, refined},
       {"camera_levels_open", {"0.9"}, refined},
+      {"rolling_shutter", {"0.8"}, filmed},
+      {"first_line", {"left"}, filmed_by_rows},
       {"grid.levels", {"3"}},
       {"grid.log2_entries", {"11"}},
       {"grid.features", {"2"}},

@@ -39,6 +39,8 @@ std::filesystem::path run_colmap_on_photos(const std::filesystem::path& images,
 // Beside the folder of a video's frames: {"frame_000001.jpg": seconds from the film's first frame},
 // empty where its clock is not known.
 inline constexpr const char* kFrameTimes = "frame_times.json";
+// Likewise, where its clock is known: {"frame_interval": seconds between the film's own frames}.
+inline constexpr const char* kFilm = "film.json";
 
 // Extracts at most max_frames frames, the sharpest of each window in which the picture moves
 // equally far, upright and with the tones of photos, into a folder below work_folder, and returns

@@ -29,6 +29,9 @@ struct View {
   int camera = 0;                                                // index into Scene::cameras
   Pose pose;        // camera-to-world, input coordinates, OpenCV axes
   double time = 0;  // [0, 1]; 0 where the capture has no time; Scene::times has its unit
+  // When it was taken, in the capture's unit, whether or not the scene moves: by a film's clock, as
+  // View::time says, or the last number in its name. None: not said of every photo.
+  std::optional<double> clock = {};
   ViewIds ids = {};
   int orientation = 1;  // EXIF's, of the pixels as the trainer reads them; 1: nothing to turn
   int scale = 1;        // the photo is reduced by this (photo_scales.h); a pixel weighs its square
@@ -116,6 +119,7 @@ struct Scene {
   std::vector<int> train, test;           // indices into views
   SceneOptions options;                   // as given; `format` is the one that was found
   CaptureTimes times;                     // of View::time
+  double frame_interval = 0;              // of the film, in View::clock's unit; 0: not known
   bool alpha = false;                     // photos carry alpha (Blender): composite on a background
   std::optional<Rgb8> cut_out;            // photos get alpha where they have this background
 

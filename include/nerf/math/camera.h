@@ -11,6 +11,7 @@
 #include <span>
 #include <string_view>
 
+#include "nerf/math/twist.h"
 #include "nerf/math/vec.h"
 
 namespace nerf {
@@ -41,10 +42,22 @@ int camera_model_params(CameraModel model);
 std::optional<CameraModel> camera_model_from_id(int64_t id);
 std::optional<CameraModel> camera_model_from_name(std::string_view name);
 
+// How a camera moves while a picture's lines are read one after another (rolling shutter). At an
+// image point the pose is the given one times exp(s twist), with s = x / width * along.x + y /
+// height * along.y - middle: with the defaults rows are read from the top, and the given pose is
+// that of the middle row.
+struct LineMotion {
+  Twist twist;  // while all lines are read; camera axes, radians and the pose's unit
+  Vec2d along{0, 1};
+  double middle = 0.5;
+  bool any() const { return twist != Twist(); }
+};
+
 struct Camera {
   CameraModel model = CameraModel::kPinhole;
   int width = 0, height = 0;                      // pixels
   std::array<double, kMaxCameraParams> params{};  // in COLMAP's order, see CameraModel
+  LineMotion motion = {};                         // none: all lines are read at once
 
   double fx() const;  // pixels; of a panorama pixels per radian
   double fy() const;
@@ -91,11 +104,15 @@ void unproject_row(const Camera& camera, int x, int y, std::span<Vec3d> out);
 // ray.
 double pixel_cone_radius(const Camera& camera, const Vec2d& pixel);
 
-// `camera_to_world` moved to where the ray through the image point begins. All rays of a camera
-// begin at its centre, but for one eye of an omnidirectional stereo panorama (Peleg, Ben-Ezra and
-// Pritch 2001), whose parameter `eye` is not 0: its rays begin so far (in the pose's unit) to the
-// right of the centre, at right angles to their azimuth, level in camera axes. Below 0: to the
-// left.
+// The s of LineMotion at an image point (pixels), and the pose there.
+double line_share(const Camera& camera, const Vec2d& pixel);
+Pose line_pose(const Camera& camera, const Pose& camera_to_world, double share);
+
+// `camera_to_world` while the line of the image point is read, moved to where the ray through the
+// point begins. All rays of a line begin at the camera's centre, but for one eye of an
+// omnidirectional stereo panorama (Peleg, Ben-Ezra and Pritch 2001), whose parameter `eye` is not
+// 0: its rays begin so far (in the pose's unit) to the right of the centre, at right angles to
+// their azimuth, level in camera axes. Below 0: to the left.
 Pose ray_pose(const Camera& camera, const Pose& camera_to_world, const Vec2d& pixel);
 
 // What turns distance along a ray into a picture's depth: the cosine between the ray (unit

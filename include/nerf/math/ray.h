@@ -29,8 +29,9 @@ inline std::optional<Ray> camera_ray(const Camera& camera, const Pose& camera_to
   const auto direction = unproject(camera, pixel);
   if (!direction) return std::nullopt;
   Ray ray;
-  ray.origin = ray_pose(camera, camera_to_engine, pixel).translation;
-  ray.direction = normalized(camera_to_engine.rotation * *direction);
+  const Pose pose = ray_pose(camera, camera_to_engine, pixel);
+  ray.origin = pose.translation;
+  ray.direction = normalized(pose.rotation * *direction);
   return ray;
 }
 

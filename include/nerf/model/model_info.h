@@ -17,6 +17,9 @@ struct ModelView {
   bool held_out = false;
   double time = 0;  // [0, 1]; ModelInfo::times has its unit
   ViewIds ids = {};
+  // While the photo's lines were read, input unit: for what is compared with it. `camera` reads all
+  // lines at once, as new views do.
+  LineMotion motion = {};
 };
 
 struct ModelInfo {

@@ -4,6 +4,7 @@
 #include <array>
 
 #include "nerf/base/options.h"
+#include "nerf/train/shutter_option.h"
 
 namespace nerf {
 
@@ -24,6 +25,8 @@ struct CameraRecipe {
   bool centre = false;       // the principal point as well
   int first_levels = 5;      // of the table that are open while the cameras begin to move
   double levels_open = 0.5;  // share of the training by which all are
+  Readout rolling_shutter;   // of a film's frames (train/rolling_shutter.h)
+  FirstLine first_line = FirstLine::kAuto;
 
   template <class V>
   void visit_options(V& v) {
@@ -46,6 +49,13 @@ struct CameraRecipe {
     v("camera_levels_open", levels_open,
       "share of the training by which all levels are open, one after another", at_least(0),
       at_most(1));
+    v("rolling_shutter", rolling_shutter,
+      "share of the time between a film's frames in which a frame's lines are read one after "
+      "another (phones: 0.5 to 0.9), while the camera moves on as its poses before and after say; "
+      "auto: learnt for each camera, with the poses where these are refined");
+    v("first_line", first_line,
+      "side of the pixels as stored that is read first; auto: the top, of pictures higher than "
+      "wide the right, as phones store what they film upright");
   }
 };
 

@@ -205,6 +205,10 @@ class Trainer {
     Image8 picture;    // one channel
   };
   std::vector<LeftOut> left_out() const;
+  // How the photos' lines are read (CameraRecipe::rolling_shutter), a line for people, and in which
+  // share of a frame's time, for each camera; empty without it.
+  std::string rolling_shutter() const;
+  std::vector<double> readouts() const;
   // A copy to render from or save.
   RadianceField snapshot() const;
 
