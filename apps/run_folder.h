@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "nerf/train/evaluation.h"
+#include "nerf/train/light_report.h"
 #include "nerf/train/run.h"
 
 namespace nerf::apps {
@@ -73,6 +74,7 @@ struct RunSummary {
   RunResult run;
   Evaluation evaluation;
   TrainProfile profile;  // of the steps of this process
+  LightReport light;
 };
 
 // The model's cameras, at the size of the scene's photos: cameras.txt, images.txt, points3D.txt
