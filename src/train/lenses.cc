@@ -10,7 +10,7 @@
 namespace nerf {
 
 Lenses lenses_of(const Scene& scene) {
-  constexpr double kApart = 1.1;  // of focal lengths, as a ratio
+  constexpr double kApart = 1.1;  // of a focal length and the next longer one, as a ratio
   Lenses lenses;
   lenses.of_view.assign(scene.views.size(), -1);
   std::map<std::string, std::vector<size_t>> alike;
@@ -29,14 +29,14 @@ Lenses lenses_of(const Scene& scene) {
   for (auto& [name, views] : alike) {
     const bool said = !scene.views[views.front()].lens.empty();
     std::ranges::stable_sort(views, {}, [&](size_t v) { return said ? 0 : camera_of(v).fx(); });
-    double first = 0;
+    double before = 0;
     for (const size_t v : views) {
       const double focal = camera_of(v).fx();
-      if (first == 0 || (!said && focal > kApart * first)) {
-        first = focal;
+      if (before == 0 || (!said && focal > kApart * before)) {
         lenses.names.push_back(said ? name
                                     : fmt::format("{}, focal length {:.0f} pixels", name, focal));
       }
+      before = focal;
       lenses.of_view[v] = static_cast<int>(lenses.names.size()) - 1;
     }
   }

@@ -14,7 +14,8 @@ struct Lenses {
 };
 
 // Photos whose EXIF names one camera, lens and focal length; of those that name none, photos of one
-// size whose cameras' focal lengths are within a tenth. Panoramas are put together from many.
+// size whose cameras' focal lengths have no gap of a tenth (where each photo has a camera of its
+// own, they scatter). Panoramas are put together from many.
 Lenses lenses_of(const Scene& scene);
 
 }  // namespace nerf

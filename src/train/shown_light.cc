@@ -17,7 +17,7 @@ namespace nerf {
 namespace {
 
 constexpr size_t kFewestPhotos = 8;
-constexpr int kFewestOfPhoto = 20, kFewestOfPoint = 3, kFewestOfLens = 200;
+constexpr int kFewestOfPhoto = 20, kFewestOfPoint = 3, kFewestOfLens = 1000;
 constexpr int kRounds = 30;
 constexpr double kOutlier = 0.25;               // stops: who is off so much counts half
 constexpr double kDark = 0.03, kBright = 0.98;  // sRGB values beyond which light is not measured
