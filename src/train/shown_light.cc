@@ -93,14 +93,15 @@ struct Fit {
   double residual(const Seen& s) const {
     return s.stops - point[s.point] - exposure[s.photo] + dimmed_by(s);
   }
-  // Of the residuals, weighted.
-  double variance() const {
-    double sum = 0, weight = 0;
-    for (const Seen& s : seen) {
-      sum += s.weight * std::pow(residual(s), 2);
-      weight += s.weight;
-    }
-    return weight > 0 ? sum / weight : 0;
+  // Standard error of a lens's falloff. What is off in a photo is off together (a shadow, a
+  // reflection), so that photos count as observations, not the sightings in them.
+  double error_of(int lens) const {
+    std::vector<double> scores(exposure.size());
+    for (const Seen& s : seen)
+      if (s.lens == lens) scores[s.photo] += s.weight * (s.x - point_x[s.point]) * residual(s);
+    double square = 0;
+    for (const double score : scores) square += score * score;
+    return std::sqrt(square) / precision[static_cast<size_t>(lens)];
   }
   void find_points() {
     std::vector<Sums> sums(point.size());
@@ -201,11 +202,10 @@ ShownLight shown_light(const Scene& scene, const PhotoSet& photos) {
   for (size_t i = 0; i < of_photo.size(); ++i)
     if (of_photo[i] >= kFewestOfPhoto)
       light.exposure[static_cast<size_t>(scene.train[i])] = fit.exposure[i] - usual;
-  const double variance = fit.variance();
   for (size_t l = 0; l < of_lens.size(); ++l) {
     if (of_lens[l] < kFewestOfLens || !(fit.precision[l] > 0)) continue;
     light.lenses[l].corner_stops = fit.falloff[l];
-    light.lenses[l].error = std::sqrt(variance / fit.precision[l]);
+    light.lenses[l].error = fit.error_of(static_cast<int>(l));
   }
   compare_with_exif(scene, light);
   return light;
