@@ -180,7 +180,8 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   if (light.colour_correction == Switch::kAuto)
     light.colour_correction = unlike_days ? Switch::kOn : Switch::kOff;
   if (light.exif_exposure.automatic) light.exif_exposure = {false, rounded(exif)};
-  if (light.vignetting == Switch::kAuto) light.vignetting = Switch::kOff;
+  // It costs no capture that was measured; those of fixed light stay as they are.
+  if (light.vignetting == Switch::kAuto) light.vignetting = light.colour_correction;
   if (!options.grid_recipe.point_depth && unlike_days) {
     options.grid_recipe.point_depth = kPointDepth;
     if (!options.grid_recipe.depth_loss) options.grid_recipe.depth_loss = kPointDepthLoss;

@@ -51,7 +51,7 @@ struct ImageInfo {
   // 3 upside down, 6 and 8 to be turned clockwise and counterclockwise, 5 and 7 mirrored as well.
   int orientation = 1;
   bool lies_on_its_side() const { return orientation >= 5; }
-  ShotTags shot;
+  ShotTags shot = {};
 };
 
 // Reads only the header. Throws Error: missing, not an image, sizes that no photo has.
