@@ -19,7 +19,8 @@ class RadianceField;
 namespace nerf::internal {
 
 // Where results go, each at the place of its ray. Zero before; colours and opacities are always
-// there, the others where they are wanted. Distances are along the ray, engine units.
+// there, the others where they are wanted. Distances are along the ray, engine units. Median and
+// percentiles lie between samples, as if each interval had one density.
 struct RaySink {
   Real* rgb = nullptr;  // [..][3]
   Real* opacity = nullptr;
@@ -28,9 +29,6 @@ struct RaySink {
   Real *near = nullptr, *far = nullptr;
   int32_t* samples = nullptr;
   std::vector<DeepSample>* deep = nullptr;
-  // Median and percentiles lie between samples, as if each interval had one density, and not at
-  // the sample behind which so much light is stopped.
-  bool between_samples = false;
 };
 
 inline constexpr double kNearShare = 0.05, kFarShare = 0.95;  // of the light, stopped

@@ -252,7 +252,6 @@ void GridIntegrator::composite(int part) {
 
 Real GridIntegrator::stopped_at(const Way& way, size_t sample, double before, double after,
                                 double left) const {
-  if (!sink_.between_samples) return t_[sample];
   const auto [begin, end] = interval_of(way, sample);
   const double share = std::log(left / before) / std::log(after / before);
   return begin + static_cast<Real>(std::isfinite(share) ? share : 0.0) * (end - begin);

@@ -69,8 +69,7 @@ RayResults integrate(const RadianceField& radiance, std::span<const Ray> rays, c
                            .near = part(out.near, begin),
                            .far = part(out.far, begin),
                            .samples = part(out.samples, begin),
-                           .deep = part(out.deep, begin),
-                           .between_samples = true};
+                           .deep = part(out.deep, begin)};
     integrator->integrate(rays.subspan(begin, count), sink, thread);
     for (size_t i = 0; i < count; ++i) out.median[begin + i] = static_cast<Real>(median[i]);
     if (layers.normal) {

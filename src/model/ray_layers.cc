@@ -29,7 +29,6 @@ RayLayers::RayLayers(const Field& field, const Layers& layers, const Similarity&
     : field_(field), layers_(layers), to_engine_(to_engine) {}
 
 void RayLayers::begin(size_t n, RaySink& sink) {
-  sink.between_samples = true;
   if (layers_.moments) {
     mean_.assign(n, 0.0_r);
     variance_.assign(n, 0.0_r);

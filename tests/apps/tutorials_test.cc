@@ -44,7 +44,8 @@ void run_tutorial(const std::string& name, const testing_apps::TempFolder& folde
                   const std::string& steps) {
   const fs::path root = NERF_SOURCE_DIR;
   fs::create_directories(folder / "build");
-  fs::create_directory_symlink(root / "data", folder / "data");
+  for (const char* name : {"data", "scripts"})
+    fs::create_directory_symlink(root / name, folder / name);
   fs::create_directory_symlink(fs::path(NERF_RENDER_PROGRAM).parent_path(),
                                folder / "build/release");
   const auto commands = commands_of(root / "docs/tutorials" / name);
@@ -81,8 +82,9 @@ TEST(Tutorials, MeshIntoBlender) {
 TEST(Tutorials, ObjectIntoAScene) {
   const testing_apps::TempFolder folder;
   run_tutorial("object_into_a_scene.md", folder, "20");
-  for (const char* file : {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png",
-                           "moving/orbit_0001.png", "layers/exr/orbit_0001.exr"})
+  for (const char* file :
+       {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png", "bounce/orbit_0001.png",
+        "moving/orbit_0001.png", "layers/exr/orbit_0001.exr"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
 }
 

@@ -187,6 +187,7 @@ TEST(Layers, TheirPictureIsThePlainOneOfEveryPixelsOwnRays) {
         EXPECT_TRUE(plain.layers.empty());
         ASSERT_EQ(layered.rgb.size(), plain.rgb.size());
         EXPECT_EQ(layered.alpha, plain.alpha);
+        EXPECT_EQ(layered.depth_z, plain.depth_z);
         EXPECT_EQ(layered.statistics.density_evaluations, plain.statistics.density_evaluations);
         double alpha = 0;
         for (size_t i = 0; i < plain.alpha.size(); ++i) {
