@@ -40,7 +40,7 @@ TEST(ShotTags, AreReadFromAFile) {
   EXPECT_EQ(tags.sensitivity, 400);
   EXPECT_EQ(tags.camera, "Maker One, 4.2 mm");
   EXPECT_EQ(tags.nonsense, "");
-  make_image(folder / "b.png", {16, 12}, test::texture);
+  make_image(folder / "b.png", {16, 12, 3, OIIO::TypeDesc::UINT8, {}}, test::texture);
   const ShotTags none = read_image_info(folder / "b.png").shot;
   EXPECT_EQ(none.seconds, 0);
   EXPECT_EQ(none.camera, "");
