@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include "app.h"
+#include "light_notes.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "nerf/base/progress.h"
@@ -294,12 +295,14 @@ class Training {
     summary_.decode_seconds = photos_.decode_seconds;
     summary_.profile = trainer_.profile();
     summary_.readouts = trainer_.readouts();
+    summary_.light = light_report(trainer_.snapshot(), scene_, photos_);
     write_result(folder_.result(), summary_);
     log_info(fmt::format("training    {}, {} steps, {}", format_duration(run.train_seconds),
                          run.steps, rate_text(run.samples_per_second(), "samples")));
     log_info(fmt::format("besides     decoding {:.1f} s, evaluation {:.1f} s, saving {:.1f} s",
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
+    for (const std::string& line : light_lines(summary_.light)) log_info(line);
     write_left_out();
     log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())

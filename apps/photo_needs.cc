@@ -1,6 +1,10 @@
 #include "photo_needs.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <string>
+#include <vector>
 
 #include "app.h"
 #include "nerf/base/progress.h"
@@ -19,22 +23,34 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
       light.appearance.automatic && !resumes &&
       (command.minutes.value_or(0) >= kFewestMinutes || command.train.steps >= kFewestSteps);
   Progress clock("looking at the light");
-  const LightProbe probe = is_long ? probe_light(scene, photos, pool, &cancel) : LightProbe();
+  LightProbe probe;
+  if (is_long)
+    probe = probe_light(scene, photos, pool, &cancel);
+  else if (light.colour_correction == Switch::kOn && light.exif_exposure.automatic)
+    probe.shown = shown_light(scene, photos);
   resolve_light(probe, command.train);
-  if (!probe.smooth_share && !probe.exposure_spread) return;
+  const bool has_exif = light.colour_correction == Switch::kOn && light.exif_exposure.factor > 0;
+  if (!probe.smooth_share && !probe.exposure_spread && !has_exif) return;
   std::string seen;
   if (probe.exposure_spread)
     seen = fmt::format("{:.2f} stops between photos", *probe.exposure_spread);
   if (probe.smooth_share)
     seen += fmt::format("{}{:.0f} % of a short training's error is even across small areas",
                         seen.empty() ? "" : ", ", 100 * *probe.smooth_share);
-  std::string found = "fixed";
+  if (has_exif)
+    seen += fmt::format("{}{:.2f} stops for each of EXIF's", seen.empty() ? "" : ", ",
+                        light.exif_exposure.factor);
+  std::vector<std::string> learnt;
   if (light.appearance.count > 0)
-    found = fmt::format("differs: {} numbers a photo", light.appearance.count);
-  if (light.colour_correction == Switch::kOn) found += ", exposure and white balance";
+    learnt.push_back(fmt::format("{} numbers a photo", light.appearance.count));
+  if (light.colour_correction == Switch::kOn)
+    learnt.push_back(has_exif ? "exposure and white balance, beginning with EXIF's exposure"
+                              : "exposure and white balance");
+  if (light.vignetting == Switch::kOn) learnt.push_back("vignetting");
   if (command.train.grid_recipe.point_depth.value_or(0) > 0)
-    found += ", distances of sparse points";
-  log_info(fmt::format("light         {} ({}; {:.1f} s)", found, seen, clock.elapsed_seconds()));
+    learnt.push_back("distances of sparse points");
+  log_info(fmt::format("light         {}{} ({}; {:.1f} s)", learnt.empty() ? "fixed" : "differs: ",
+                       fmt::join(learnt, ", "), seen, clock.elapsed_seconds()));
 }
 
 void look_at_motion(TrainCommand& command, const Scene& scene) {

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "light_notes.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
@@ -213,6 +214,7 @@ void write_result(const fs::path& path, const RunSummary& s) {
               {"threads", s.threads},
               {"simd", simd_target()},
               {"precision", s.precision},
+              {"light", light_json(s.light)},
               {"scales", scale_scores(s.evaluation)},
               {"held_out", held_out_scores(s.evaluation)},
               {"views", view_scores(s.evaluation)}};

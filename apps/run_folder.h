@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "nerf/train/evaluation.h"
+#include "nerf/train/light_report.h"
 #include "nerf/train/run.h"
 
 namespace nerf::apps {
@@ -74,6 +75,7 @@ struct RunSummary {
   Evaluation evaluation;
   TrainProfile profile;          // of the steps of this process
   std::vector<double> readouts;  // Trainer::readouts()
+  LightReport light;
 };
 
 // The model's cameras, at the size of the scene's photos: cameras.txt, images.txt, points3D.txt

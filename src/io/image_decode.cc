@@ -17,6 +17,7 @@
 #include "nerf/base/file.h"
 #include "nerf/io/image.h"
 #include "scene_limits.h"
+#include "shot_tags.h"
 
 namespace nerf {
 namespace internal {
@@ -335,6 +336,7 @@ ImageInfo read_image_info(const std::filesystem::path& path) {
     info.half_or_16bit = internal::type_of(spec) != internal::SampleType::k8;
     const int orientation = spec.get_int_attribute("Orientation", 1);
     if (orientation >= 1 && orientation <= 8) info.orientation = orientation;
+    info.shot = internal::shot_tags(spec);
     return info;
   });
 }

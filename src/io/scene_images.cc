@@ -12,6 +12,7 @@
 #include "paths.h"
 #include "photo_plan.h"
 #include "scene_input.h"
+#include "shot_tags.h"
 
 namespace nerf::internal {
 
@@ -51,8 +52,10 @@ int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory, SceneRepo
   int with_alpha = 0, turned = 0;
   std::vector<Camera> cameras;
   std::map<std::tuple<int, int, int>, int> index;
+  std::vector<ShotTags> shots;
   for (View& view : input.views) {
     const ImageInfo info = read_image_info(view.image_path);
+    shots.push_back(info.shot);
     if (downscale > std::min(info.width, info.height)) {
       throw Error(fmt::format("--downscale {} leaves nothing of {} x {} pixels", downscale,
                               info.width, info.height),
@@ -77,6 +80,7 @@ int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory, SceneRepo
     view.orientation = as_stored ? info.orientation : 1;
   }
   input.cameras = std::move(cameras);
+  find_exposures(shots, input.views, report);
   if (turned > 0) {
     report.notes.push_back(
         fmt::format("{} of {} photos are turned as their EXIF orientation says: their cameras have "

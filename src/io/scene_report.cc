@@ -74,6 +74,7 @@ std::string format_report(const SceneReport& r) {
     lines.add("", r.mask_convention);
   }
   if (!r.times.empty()) lines.add("times", r.times);
+  if (!r.exposure.empty()) lines.add("exposure", r.exposure);
   if (!r.cut_out.empty()) lines.add("cut out", r.cut_out);
   lines.add("memory", r.memory_limit_bytes > 0
                           ? fmt::format("about {} of {}", size_text(r.memory_estimate_bytes),

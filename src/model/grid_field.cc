@@ -190,6 +190,10 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
 
   const LinearWeights &codes = field.books.appearance, &changes = field.books.colours;
   if (training && !field.books.empty()) photo = tape.input(1, Domain::kRays);
+  if (training && field.books.falloff.out > 0) {
+    lens = tape.input(1, Domain::kRays);
+    corner = tape.input(1, Domain::kRays);
+  }
   if (!training && codes.out > 0) code = tape.input(codes.in, Domain::kRays);
 
   Value seen_by_density = features;
@@ -251,6 +255,9 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   if (seen_through) image.pixel = over_medium(tape, image.pixel, field.medium_numbers);
   if (training && changes.out > 0)
     image.pixel = change_colours(tape, image.pixel, background, table_rows(tape, photo, changes));
+  if (lens >= 0)
+    image.pixel = vignette(tape, image.pixel, background,
+                           table_rows(tape, lens, field.books.falloff), corner);
   if (training) pixel_loss = record_pixel_loss(tape, image.pixel, losses.pixel);
   tape.plan();
 }

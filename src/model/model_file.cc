@@ -138,6 +138,10 @@ Json codes_to_json(const CodeShape& shape) {
     out["cameras"] = shape.cameras;
     out["photo_cameras"] = shape.photo_cameras;
   }
+  if (!shape.lenses.empty()) {
+    out["lenses"] = shape.lenses;
+    out["photo_lenses"] = shape.photo_lenses;
+  }
   return out;
 }
 
@@ -171,6 +175,10 @@ void moments_from(const JsonFields& f, CodeShape& shape) {
     for (const double id : f.numbers("cameras", f.at("cameras").size()))
       shape.cameras.push_back(static_cast<int>(id));
     shape.photo_cameras = rows_from(f, "photo_cameras", shape.photos.size(), shape.cameras.size());
+  }
+  if (f.has("lenses")) {
+    shape.lenses = f.texts("lenses");
+    shape.photo_lenses = rows_from(f, "photo_lenses", shape.photos.size(), shape.lenses.size());
   }
 }
 

@@ -1,8 +1,10 @@
 #include "nerf/parts/codes.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "nerf/base/error.h"
+#include "nerf/math/srgb.h"
 
 namespace nerf {
 
@@ -31,6 +33,8 @@ CodeBooks::CodeBooks(const CodeShape& shape, size_t begin) {
   photo_moments = shape.photo_moments;
   cameras = shape.cameras;
   photo_cameras = shape.photo_cameras;
+  lenses = shape.lenses;
+  photo_lenses = shape.photo_lenses;
   const auto place = [&](int numbers, size_t rows) {
     const LinearWeights table{begin, numbers, numbers > 0 ? static_cast<int>(rows) : 0};
     begin += table.size();
@@ -42,19 +46,21 @@ CodeBooks::CodeBooks(const CodeShape& shape, size_t begin) {
   deformation = place(shape.deformation, moments.size());
   plane = place(shape.plane, moments.size());
   camera = place(shape.camera, cameras.size());
+  falloff = place(kFalloff, lenses.size());
 }
 
 CodeShape CodeBooks::shape() const {
   const auto numbers = [](const LinearWeights& table) { return table.out > 0 ? table.in : 0; };
-  return {numbers(appearance),  colours.out > 0, photos,       numbers(transient),
-          numbers(deformation), numbers(plane),  moments,      photo_moments,
-          numbers(camera),      cameras,         photo_cameras};
+  return {numbers(appearance),  colours.out > 0, photos,        numbers(transient),
+          numbers(deformation), numbers(plane),  moments,       photo_moments,
+          numbers(camera),      cameras,         photo_cameras, lenses,
+          photo_lenses};
 }
 
 size_t CodeBooks::size() const {
   size_t sum = 0;
   for (const LinearWeights* table :
-       {&appearance, &colours, &transient, &deformation, &plane, &camera})
+       {&appearance, &colours, &transient, &deformation, &plane, &camera, &falloff})
     sum += table->size();
   return sum;
 }
@@ -126,6 +132,28 @@ std::array<Real, 3> Appearance::changed(const Real rgb[3], Real opacity,
   return out;
 }
 
+std::array<Real, kColourChange> change_of_exposure(double stops) {
+  std::array<Real, kColourChange> out{};
+  const double more = std::exp2(stops / 2.4) - 1;
+  for (size_t k = 0; k < 3; ++k) {
+    out[4 * k] = static_cast<Real>(more);
+    out[9 + k] = static_cast<Real>(0.055 * more);
+  }
+  return out;
+}
+
+double exposure_of_change(std::span<const Real> change) {
+  constexpr double kGrey = 0.5, kLeast = 1e-3;
+  NERF_CHECK_EQ(change.size(), static_cast<size_t>(kColourChange));
+  double light = 0;
+  for (size_t k = 0; k < 3; ++k) {
+    double c = kGrey + static_cast<double>(change[9 + k]);
+    for (size_t i = 0; i < 3; ++i) c += kGrey * static_cast<double>(change[3 * k + i]);
+    light += srgb_to_linear(c) / 3;
+  }
+  return std::log2(std::max(light, kLeast) / srgb_to_linear(kGrey));
+}
+
 Appearance appearance_of(const CodeBooks& books, std::span<const Real> weights, int photo) {
   NERF_CHECK(photo >= 0 && photo < books.rows());
   Appearance out;
@@ -161,6 +189,15 @@ Appearance appearance_at(const CodeBooks& books, std::span<const Real> weights, 
              return known == books.cameras.end() || c == known - books.cameras.begin();
            }));
   }
+  return out;
+}
+
+Falloff falloff_of(const CodeBooks& books, std::span<const Real> weights, const std::string& lens) {
+  Falloff out{};
+  const auto known = std::ranges::find(books.lenses, lens);
+  if (lens.empty() || known == books.lenses.end() || books.falloff.out == 0) return out;
+  const auto from = row(books.falloff, weights, static_cast<int>(known - books.lenses.begin()));
+  std::copy(from.begin(), from.end(), out.begin());
   return out;
 }
 

@@ -15,6 +15,8 @@
 #include "nerf/model/field.h"
 #include "nerf/train/metrics.h"
 #include "train/camera_fit.h"
+#include "train/lens_picture.h"
+#include "train/lenses.h"
 #include "train/photo_fit.h"
 
 namespace nerf {
@@ -159,9 +161,27 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
   // One view's picture is written while the next is drawn: encoding takes one thread only.
   std::future<void> writing;
   const std::vector<HeldOut> kinds = held_out_kinds(scene);
+  const CodeBooks& books = model.field().codes();
+  const bool has_falloff = books.falloff.out > 0;
+  const Lenses lenses = has_falloff ? lenses_of(scene) : Lenses();
   for (size_t i = 0; i < views.size(); ++i) {
     const size_t v = static_cast<size_t>(views[i]);
     const Photo& photo = photos.photos[v];
+    Falloff falloff{};
+    Photo clear;  // what is fitted: the model has no lens
+    if (has_falloff) {
+      if (const int lens = lenses.of_view[v]; lens >= 0)
+        falloff =
+            falloff_of(books, model.field().all_weights(), lenses.names[static_cast<size_t>(lens)]);
+      clear = without_falloff(photo, photos.cameras[v], falloff);
+    }
+    const Photo& fitted = has_falloff ? clear : photo;
+    const auto draw = [&](const Camera& lens, const Pose& pose,
+                          const std::function<void(double)>& progress_of) {
+      Frame picture = render(field, lens, pose, render_options, pool, progress_of, cancel);
+      if (has_falloff) add_falloff(lens, falloff, render_options.background, picture);
+      return picture;
+    };
     const auto at = [&](double f) {
       if (progress) progress((static_cast<double>(i) + f) / static_cast<double>(views.size()));
     };
@@ -173,10 +193,10 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
           model.field().default_code(render_options.time, scene.views[v].ids.camera);
     if (result.halves)
       render_options.appearance =
-          fit_appearance(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);
+          fit_appearance(field, camera, scene.views[v].pose, fitted, render_options, pool, cancel);
     const std::vector<uint8_t> mask = result.halves ? right_half(photo) : photo.mask;
     const Image8 truth = photo_over(photo, render_options.background);
-    Frame frame = render(field, camera, scene.views[v].pose, render_options, pool, at, cancel);
+    Frame frame = draw(camera, scene.views[v].pose, at);
     Image8 rendering = to_picture(frame);
     ViewScore score{scene.views[v].name,
                     psnr(truth, rendering, mask),
@@ -189,8 +209,8 @@ Evaluation evaluate(const RadianceField& model, const Scene& scene, const PhotoS
                     {}};
     if (options.align) {
       const CameraFit fit =
-          fit_camera(field, camera, scene.views[v].pose, photo, render_options, pool, cancel);
-      frame = render(field, camera, fit.pose, render_options, pool, {}, cancel);
+          fit_camera(field, camera, scene.views[v].pose, fitted, render_options, pool, cancel);
+      frame = draw(camera, fit.pose, {});
       rendering = to_picture(frame);
       score.aligned_psnr = psnr(truth, rendering, mask);
       score.aligned_ssim = ssim(truth, rendering, pool, mask);

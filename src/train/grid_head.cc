@@ -59,6 +59,13 @@ void GridTrainer::bind(int64_t c, const GridTape& tape, Chunk& chunk) {
   for (int r = 0; tape.photo >= 0 && r < chunk.rays; ++r)
     chunk.data(tape.photo)[r] =
         static_cast<Real>(batch.photo[static_cast<size_t>(c * kChunkRays + r)]);
+  for (int r = 0; tape.lens >= 0 && r < chunk.rays; ++r) {
+    const size_t at = static_cast<size_t>(c * kChunkRays + r);
+    const int photo = batch.photo[at];
+    chunk.data(tape.lens)[r] =
+        photo < 0 ? -1 : static_cast<Real>(field.books.photo_lenses[static_cast<size_t>(photo)]);
+    chunk.data(tape.corner)[r] = batch.corner[at];
+  }
 }
 
 Real GridTrainer::scale_of(int64_t c, int ray) const {

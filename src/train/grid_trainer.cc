@@ -9,6 +9,7 @@
 #include "nerf/model/level_order.h"
 #include "train/finest_resolution.h"
 #include "train/free_space.h"
+#include "train/lenses.h"
 #include "train/visibility.h"
 
 namespace nerf {
@@ -21,8 +22,33 @@ int cascades_of(const Scene& scene) {
   return c;
 }
 
-CodeShape learnt_light(const LightRecipe& light, const std::vector<std::string>& photos) {
-  return {light.appearance.count, light.colour_correction == Switch::kOn, photos};
+// A file's view.
+std::vector<size_t> views_of_files(const Scene& scene, const PixelSource& source) {
+  std::vector<size_t> views(source.files().size());
+  for (size_t i = scene.train.size(); i-- > 0;)
+    views[static_cast<size_t>(source.file_of(i))] = static_cast<size_t>(scene.train[i]);
+  return views;
+}
+
+CodeShape learnt_light(const LightRecipe& light, const Scene& scene, const PixelSource& source) {
+  CodeShape shape{light.appearance.count, light.colour_correction == Switch::kOn, source.files()};
+  if (light.vignetting != Switch::kOn) return shape;
+  const Lenses lenses = lenses_of(scene);
+  std::vector<int> rows(lenses.names.size(), -1);
+  for (const size_t v : views_of_files(scene, source)) {
+    const int lens = lenses.of_view[v];
+    if (lens < 0) {
+      shape.photo_lenses.push_back(0);  // of a panorama, whose pixels are all in the middle
+      continue;
+    }
+    int& row = rows[static_cast<size_t>(lens)];
+    if (row < 0) {
+      row = static_cast<int>(shape.lenses.size());
+      shape.lenses.push_back(lenses.names[static_cast<size_t>(lens)]);
+    }
+    shape.photo_lenses.push_back(row);
+  }
+  return shape;
 }
 
 }  // namespace
@@ -61,7 +87,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       depth_weight(depth_loss_weight(o, s, p)),
       offset_weight(nerf::offset_weight(o.grid_recipe.motion, s)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
-            learnt_light(o.grid_recipe.light, source.files()), o.grid_recipe.motion.shape(),
+            learnt_light(o.grid_recipe.light, s, source), o.grid_recipe.motion.shape(),
             o.grid_recipe.medium.medium),
       optimiser(field),
       maker(source, field, distortion > 0 || depth_weight > 0, t),
@@ -95,6 +121,10 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   };
   add_book("the photos' appearance", field.books.appearance, light.code_rate, light.code_decay);
   add_book("the photos' colours", field.books.colours, light.colour_rate, light.colour_decay);
+  if (field.books.colours.out > 0 && light.exif_exposure.factor > 0)
+    sections.back().centre = expected_colours();
+  add_book("the lenses' falloff", field.books.falloff, light.vignetting_rate,
+           light.vignetting_decay);
   dense = std::make_unique<DenseParameters>(field.weights.span(), field.layers(),
                                             std::move(sections), kAccumulators);
   chunk_loss.resize(static_cast<size_t>(batch.max_chunks));
@@ -157,8 +187,22 @@ uint64_t GridTrainer::memory_bytes(const TrainOptions& options, bool unbounded, 
   return field + table + dense + workers + batch + std::max({saving, resuming, restarting});
 }
 
+std::vector<Real> GridTrainer::expected_colours() const {
+  const LinearWeights& book = field.books.colours;
+  std::vector<Real> out(book.size());
+  const std::vector<size_t> views = views_of_files(scene, source);
+  for (size_t p = 0; p < views.size(); ++p) {
+    const auto change = change_of_exposure(options.grid_recipe.light.exif_exposure.factor *
+                                           scene.views[views[p]].exposure.value_or(0));
+    std::ranges::copy(change, out.begin() + static_cast<ptrdiff_t>(p) * weight_stride(book.in));
+  }
+  return out;
+}
+
 void GridTrainer::initialise() {
   field.initialise(options.seed ^ salt);
+  if (field.books.colours.out > 0 && options.grid_recipe.light.exif_exposure.factor > 0)
+    std::ranges::copy(expected_colours(), field.weights.begin() + field.books.colours.offset);
   if (!field.motion.empty()) field.occupancy.remember_moments();
   optimiser.take_weights(field);
   // A finer cascade answers for the middle of a coarser one.

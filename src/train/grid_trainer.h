@@ -134,6 +134,9 @@ struct GridTrainer final : TrainerImpl {
   // Over the step's rays, those that met no matter included, and channels.
   double mean_squared_error() const;
   void initialise();
+  // Of each photo the change of colour that its EXIF lets expect: where it begins, and what it is
+  // drawn to. As the field's book stands in its weights.
+  std::vector<Real> expected_colours() const;
 
   double distortion;     // weight of the loss
   double depth_weight;   // likewise; 0 where no photo has a depth map

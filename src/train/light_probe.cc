@@ -152,12 +152,16 @@ std::optional<double> smooth_share(const Scene& given, const PhotoSet& given_pho
   return sum.smooth / sum.all;
 }
 
+// Two decimals, as a person writes an option.
+double rounded(double factor) { return std::round(100 * factor) / 100; }
+
 }  // namespace
 
 LightProbe probe_light(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                        const Cancel* cancel) {
   LightProbe probe;
   probe.exposure_spread = exposure_spread(scene, photos);
+  probe.shown = shown_light(scene, photos);
   probe.smooth_share = smooth_share(scene, photos, pool, cancel);
   return probe;
 }
@@ -172,8 +176,12 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   if (light.appearance.automatic) light.appearance = {false, unlike ? kAppearance : 0};
   // A share that is left out costs a capture that does not need it: only what is asked for.
   if (light.robust.automatic) light.robust = {false, 0};
+  const double exif = probe.shown.trusted_factor().value_or(0);
   if (light.colour_correction == Switch::kAuto)
     light.colour_correction = unlike_days ? Switch::kOn : Switch::kOff;
+  if (light.exif_exposure.automatic) light.exif_exposure = {false, rounded(exif)};
+  // It costs no capture that was measured; those of fixed light stay as they are.
+  if (light.vignetting == Switch::kAuto) light.vignetting = light.colour_correction;
   if (!options.grid_recipe.point_depth && unlike_days) {
     options.grid_recipe.point_depth = kPointDepth;
     if (!options.grid_recipe.depth_loss) options.grid_recipe.depth_loss = kPointDepthLoss;

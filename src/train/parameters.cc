@@ -64,7 +64,10 @@ void DenseParameters::update(const AdamStep& adam, int64_t step, Precision preci
       const size_t at = section.begin + static_cast<size_t>(block * kBlock);
       const int64_t count = std::min(kBlock, n - block * kBlock);
       if (section.decay > 0)
-        for (Real& w : weights_.subspan(at, static_cast<size_t>(count))) w *= kept;
+        for (size_t i = at; i < at + static_cast<size_t>(count); ++i) {
+          const Real centre = section.centre.empty() ? 0.0_r : section.centre[i - section.begin];
+          weights_[i] = centre == 0 ? weights_[i] * kept : centre + kept * (weights_[i] - centre);
+        }
       adam_dense(own, step, count, gradient.data() + at, m.data() + at, v.data() + at,
                  weights_.data() + at);
     });

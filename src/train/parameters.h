@@ -20,8 +20,9 @@ struct ParameterSection {
   size_t begin = 0, end = 0;
   double clip = 0;  // largest norm of its gradient; 0: any
   double rate = 1;  // of the step size
-  double decay =
-      0;  // of the numbers themselves: share of the step size (Loshchilov and Hutter 2019)
+  // Of the numbers themselves, to `centre`: share of the step size (Loshchilov and Hutter 2019).
+  double decay = 0;
+  std::vector<Real> centre = {};  // one for each of them; empty: zeros
 };
 
 // Gradient and moments of one array of weights, which belongs to a field. Chunks of a step add to a

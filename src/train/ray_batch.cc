@@ -31,6 +31,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   depth.resize(weight.size());
   photo.resize(weight.size());
   time.resize(weight.size());
+  corner.resize(weight.size());
   tile.resize(weight.size());
 }
 
@@ -107,6 +108,8 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.weight = pixel.weight;
     record.photo = pixel.ray.photo;
     record.time = pixel.ray.time;
+    if (field_.books.falloff.out > 0 && pixel.camera)
+      record.corner = static_cast<Real>(corner_square(*pixel.camera, pixel.centre()));
     if (robust_ && given.empty()) record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
@@ -180,6 +183,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     batch.depth[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.depth;
     batch.photo[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.photo;
     batch.time[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.time;
+    batch.corner[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.corner;
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];

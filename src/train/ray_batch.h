@@ -100,7 +100,7 @@ struct RayLines {
 struct RayBatch {
   explicit RayBatch(int max_chunks);
   // Of a sample's arrays, and those of a ray: there may be as many rays.
-  static constexpr uint64_t kBytesOfSample = (8 + 11) * sizeof(Real);
+  static constexpr uint64_t kBytesOfSample = (8 + 12) * sizeof(Real);
 
   int max_chunks;
   int chunks = 0;
@@ -117,8 +117,9 @@ struct RayBatch {
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
   std::vector<int32_t> tile;                         // of RobustMask, as `weight`; below 0: none
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
-  std::vector<Real> time;                            // Ray::time, as `weight`
-  std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
+  std::vector<Real> corner;  // corner_square(), as `weight`; of rays without a pixel 0
+  std::vector<Real> time;    // Ray::time, as `weight`
+  std::vector<Real> depth;   // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t total_samples = 0;
@@ -171,7 +172,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
-    Real depth = 0, time = 0;
+    Real depth = 0, time = 0, corner = 0;
     double share = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "html_page.h"
+#include "light_notes.h"
 #include "nerf/io/image.h"
 #include "nerf_train_fixture.h"
 #include "report_pictures.h"
@@ -194,6 +195,56 @@ TEST(RunReport, ShowsWhatTheFolderHolds) {
   EXPECT_EQ(count_of(page, "</script>"), 1u);
   EXPECT_EQ(count_of(page, "<svg "), 4u);
   EXPECT_EQ(page.find("nan"), std::string::npos);
+}
+
+LightReport some_light() {
+  LightReport light;
+  light.photos = {{"plain.jpg", 0.04, 0.02, {}}, {kOddName, -0.75, {}, -0.8}};
+  light.lenses = {{"a <lens>", 12, 0.44}, {"another", 9, -0.25, 0.013}};
+  light.exif_factor = 0.91;
+  light.exif_explained = 0.8;
+  return light;
+}
+
+TEST(RunReport, ShowsTheLight) {
+  TempFolder folder;
+  const fs::path run = folder / "run";
+  write_run(run);
+  const auto none = report_of(run);
+  EXPECT_EQ(none.find("id=\"light\""), std::string::npos);
+  auto result = nlohmann::ordered_json::parse(read_text(run / "result.json"));
+  result["light"] = apps::light_json(some_light());
+  write_text(run / "result.json", result.dump());
+  const std::string page = report_of(run);
+  expect_self_contained(page);
+  expect_parts(page, {"id=\"light\"", "a &lt;lens&gt;", "corners 0.4 stops darker", "learnt",
+                      "corners 0.2 stops brighter", "sparse points, ±0.01", "+0.04", "-0.75",
+                      "-0.80", "0.91 stops are shown for each that EXIF says", "80 %"});
+  EXPECT_EQ(page.find("<img src=x"), std::string::npos);
+  EXPECT_EQ(apps::light_json({}), nullptr);
+  // Of another type, or of another program.
+  for (const char* light : {"3", "{}", R"({"photos": 1, "lenses": [2, {"name": 3}]})",
+                            R"({"photos": [{"shown_stops": "x"}], "exif_factor": []})"}) {
+    result["light"] = nlohmann::ordered_json::parse(light);
+    write_text(run / "result.json", result.dump());
+    EXPECT_EQ(report_of(run).find("nan"), std::string::npos) << light;
+  }
+}
+
+TEST(LightNotes, AreLinesForTheScreen) {
+  const auto lines = apps::light_lines(some_light());
+  ASSERT_EQ(lines.size(), 4u);
+  EXPECT_TRUE(test::contains(lines[0], "exposure    shown at sparse points: 0.40 stops"));
+  EXPECT_TRUE(test::contains(lines[0], "+0.04 (plain.jpg)"));
+  EXPECT_TRUE(test::contains(lines[1], "0.91 stops are shown"));
+  EXPECT_EQ(lines[2],
+            "vignetting  a <lens>, 12 photos: corners 0.4 stops darker than the middle "
+            "(learnt)");
+  EXPECT_TRUE(test::contains(lines[3], "(shown at sparse points, +-0.01)"));
+  EXPECT_TRUE(apps::light_lines({}).empty());
+  LightReport many = some_light();
+  for (int i = 0; i < 5; ++i) many.lenses.push_back({"one", 1, 0});
+  EXPECT_TRUE(test::contains(apps::light_lines(many).back(), "and 4 lenses more"));
 }
 
 TEST(RunReport, SaysWhatIsMissing) {

@@ -35,7 +35,10 @@ void fill_codes(FieldType& field) {
 RadianceField grid_with_codes() {
   GridOptions options = test::small_options(1, 1);
   options.log2_entries = 10;  // the least of a file
-  auto grid = std::make_shared<GridField>(options, false, 1, CodeShape{6, true, kPhotos});
+  CodeShape codes{6, true, kPhotos};
+  codes.lenses = {"wide", "tele"};
+  codes.photo_lenses = {0, 1, 0};
+  auto grid = std::make_shared<GridField>(options, false, 1, codes);
   grid->initialise(3);
   test::scale_table(*grid, 1e4_r);
   fill_codes(*grid);

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <vector>
 
 #include "nerf/kernels/linear.h"
+#include "nerf/math/srgb.h"
 
 namespace nerf {
 namespace {
@@ -88,6 +90,49 @@ TEST(Appearance, ChangesWhatStandsBeforeTheBackground) {
             (std::array<Real, 3>{0.5_r, 0.25_r, 0.75_r}));
   EXPECT_EQ(a.changed(rgb, 0.5_r, {0.5_r, 0.5_r, 0.5_r}),
             (std::array<Real, 3>{0.75_r, 0.5_r, 0.625_r}));
+}
+
+// In linear light, of all values that sRGB does not hold in its straight part.
+TEST(Appearance, ExposureIsAnAffineChangeOfColours) {
+  for (const double stops : {-2.0, -0.3, 0.0, 0.5, 1.5}) {
+    Appearance a;
+    const auto change = change_of_exposure(stops);
+    a.colours.assign(change.begin(), change.end());
+    for (const double c : {0.2, 0.5, 0.9}) {
+      const Real grey = static_cast<Real>(c);
+      const Real rgb[3] = {grey, 0.5_r * grey + 0.1_r, grey};
+      const auto seen = a.changed(rgb, 1, {});
+      for (size_t k = 0; k < 3; ++k)
+        EXPECT_NEAR(static_cast<double>(seen[k]),
+                    linear_to_srgb(std::exp2(stops) * srgb_to_linear(static_cast<double>(rgb[k]))),
+                    1e-6)
+            << stops;
+    }
+    EXPECT_NEAR(exposure_of_change(change), stops, 1e-6);
+  }
+  // White balance alone is no exposure worth the name; black is not without end.
+  std::array<Real, kColourChange> black{};
+  for (size_t k = 0; k < 3; ++k) black[4 * k] = -1;
+  EXPECT_TRUE(std::isfinite(exposure_of_change(black)));
+}
+
+TEST(CodeBooks, KnowLensesByName) {
+  CodeShape shape{0, false, {"a", "b", "c"}};
+  shape.lenses = {"wide", "tele"};
+  shape.photo_lenses = {1, 0, 1};
+  const CodeBooks books(shape, kBegin);
+  EXPECT_EQ(books.falloff.out, 2);
+  EXPECT_EQ(books.size(), books.falloff.size());
+  EXPECT_FALSE(books.empty());
+  EXPECT_FALSE(books.has_own_light());
+  EXPECT_EQ(books.shape().photo_lenses, shape.photo_lenses);
+  std::vector<Real> weights(kBegin + books.size(), 99);
+  for (int k = 0; k < 3; ++k)
+    weights[books.falloff.offset + static_cast<size_t>(weight_stride(3) + k)] =
+        static_cast<Real>(k + 1);
+  EXPECT_EQ(falloff_of(books, weights, "tele"), (Falloff{1, 2, 3}));
+  EXPECT_EQ(falloff_of(books, weights, "macro"), Falloff{});
+  EXPECT_EQ(falloff_of(books, weights, ""), Falloff{});
 }
 
 // Books of three moments, of two photos of the first and one of each other, and of two cameras,

@@ -136,6 +136,7 @@ TEST(Light, FixedLightNeedsNothing) {
   resolve_light(probe, o);
   EXPECT_EQ(o.grid_recipe.light.appearance, (AutoCount{false, 0}));
   EXPECT_EQ(o.grid_recipe.light.colour_correction, Switch::kOff);
+  EXPECT_EQ(o.grid_recipe.light.vignetting, Switch::kOff);
   EXPECT_FALSE(o.grid_recipe.point_depth.has_value());
 }
 
@@ -149,6 +150,7 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   resolve_light({0.4, {}}, days);
   EXPECT_GT(days.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(days.grid_recipe.light.colour_correction, Switch::kOn);
+  EXPECT_EQ(days.grid_recipe.light.vignetting, Switch::kOn);
   EXPECT_GT(days.grid_recipe.point_depth.value_or(0), 0);
   TrainOptions said = options_with(0, Switch::kOff, 1);
   said.grid_recipe.point_depth = 0;

@@ -68,6 +68,12 @@ inline void with_depth(OptionSetting& s) {
 inline void learnt_light(OptionSetting& s) {
   s.options.grid_recipe.light.appearance = {false, 4};
   s.options.grid_recipe.light.colour_correction = Switch::kOn;
+  s.options.grid_recipe.light.vignetting = Switch::kOn;
+}
+inline void told_exposures(OptionSetting& s) {
+  learnt_light(s);
+  for (size_t v = 0; v < s.capture.scene.views.size(); ++v)
+    s.capture.scene.views[v].exposure = v % 2 ? 0.5 : -0.5;
 }
 inline void photos_of_two_moments(OptionSetting& s) {
   for (size_t v = 0; v < s.capture.scene.views.size(); v += 2) s.capture.scene.views[v].time = 1;
@@ -233,6 +239,10 @@ inline const std::vector<OptionLine>& option_lines() {
       {"code_decay", {"50"}, learnt_light},
       {"colour_rate", {"0.5"}, learnt_light},
       {"colour_decay", {"50"}, learnt_light},
+      {"exif_exposure", {"1"}, told_exposures},
+      {"vignetting", {"on"}},
+      {"vignetting_rate", {"0.5"}, learnt_light},
+      {"vignetting_decay", {"50"}, learnt_light},
       {"deform", {"translation"}, photos_of_two_moments},
       {"ambient", {"2"}, moving},
       {"motion_rate", {"0.9"}, moving},

@@ -139,6 +139,12 @@ void add_gradient(Tape& tape, Value x, Value gradient);
 // b; background and opacity as they are.
 Value change_colours(Tape& tape, Value pixel, Value background, Value change);
 
+// pixel [4 x rays], background [3 x rays], falloff [3 x rays], corner [1 x rays], the square of the
+// pixel's distance from the principal point -> [4 x rays]: what stands before the background with
+// the light that the lens lets through there (math/vignetting.h); background and opacity as they
+// are. The falloff's numbers may get gradients, the corner none.
+Value vignette(Tape& tape, Value pixel, Value background, Value falloff, Value corner);
+
 // Russian roulette (kernels/roulette.h) on the gradient of x [rows x samples], once all operations
 // recorded after this one have added to it. Operations recorded before it go back with the kept
 // samples alone, as if the chunk had no others (RouletteState). Values of samples recorded before

@@ -34,6 +34,15 @@ struct Image16 {
   std::vector<uint16_t> pixels;
 };
 
+// What a camera says (EXIF) of how much light it let in, and what it was. 0 or empty: not said.
+struct ShotTags {
+  double seconds = 0;      // of exposure
+  double aperture = 0;     // f-number
+  double sensitivity = 0;  // ISO
+  std::string camera;      // "Maker Model, lens, 4.2 mm", for a person
+  std::string nonsense;    // the first of what was said and cannot be: "an exposure time of -1 s"
+};
+
 struct ImageInfo {
   // Channels that are used: 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
   int width = 0, height = 0, channels = 0;
@@ -42,6 +51,7 @@ struct ImageInfo {
   // 3 upside down, 6 and 8 to be turned clockwise and counterclockwise, 5 and 7 mirrored as well.
   int orientation = 1;
   bool lies_on_its_side() const { return orientation >= 5; }
+  ShotTags shot = {};
 };
 
 // Reads only the header. Throws Error: missing, not an image, sizes that no photo has.

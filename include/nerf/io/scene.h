@@ -34,7 +34,11 @@ struct View {
   std::optional<double> clock = {};
   ViewIds ids = {};
   int orientation = 1;  // EXIF's, of the pixels as the trainer reads them; 1: nothing to turn
-  int scale = 1;        // the photo is reduced by this (photo_scales.h); a pixel weighs its square
+  // By the photo's EXIF, log2(time ISO / aperture^2), in stops against the median of the capture's
+  // photos; none where it does not say. What the camera let in, not how bright the scene was.
+  std::optional<double> exposure = {};
+  std::string lens = {};  // likewise: camera, lens and focal length, for a person; empty: not said
+  int scale = 1;  // the photo is reduced by this (photo_scales.h); a pixel weighs its square
 };
 
 struct ScenePoint {
@@ -104,6 +108,7 @@ struct SceneReport {
   uint64_t memory_estimate_bytes = 0;  // of the photos; a trainer adds its own
   uint64_t memory_limit_bytes = 0;     // of this process
   std::string times;                   // what was found of moments; empty: no times
+  std::string exposure;                // what EXIF says of exposures; empty: nothing
   std::vector<std::string> notes;      // how files were understood that say it in an odd way
   std::vector<std::string> ignored;    // inputs that were found and not used
   std::vector<std::string> warnings;

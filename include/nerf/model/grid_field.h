@@ -183,15 +183,17 @@ struct GridTape {
   };
 
   Tape tape{kChunkSamples, kChunkRays};
-  Value features = 0;          // in: [F L x samples]
-  Value directions = 0;        // in: [3 x rays]
-  Value delta = 0;             // in: [1 x samples]
-  Value distance = -1;         // in, training with a medium: [1 x samples], engine units
-  Value position = -1;         // in, with motion: [3 x samples], grid coordinates, not canonical
-  Value time = -1;             // in, with motion: [1 x rays]
-  Value background = 0;        // in: [3 x rays]; black where a medium is learnt
-  Value photo = -1;            // in, training with codes: [1 x rays], Ray::photo
-  Value code = -1;             // in, else, with an appearance code: [numbers x rays]
+  Value features = 0;    // in: [F L x samples]
+  Value directions = 0;  // in: [3 x rays]
+  Value delta = 0;       // in: [1 x samples]
+  Value distance = -1;   // in, training with a medium: [1 x samples], engine units
+  Value position = -1;   // in, with motion: [3 x samples], grid coordinates, not canonical
+  Value time = -1;       // in, with motion: [1 x rays]
+  Value background = 0;  // in: [3 x rays]; black where a medium is learnt
+  Value photo = -1;      // in, training with codes: [1 x rays], Ray::photo
+  Value code = -1;       // in, else, with an appearance code: [numbers x rays]
+  // In, training where the books know lenses: [1 x rays], its row of them, and corner_square().
+  Value lens = -1, corner = -1;
   PixelLossInputs pixel_loss;  // in, training only
   Value geometry = 0;          // between: [geometry_features x samples]
   Value density = 0;           // out: [1 x samples]

@@ -13,6 +13,7 @@
 #include "nerf/autodiff/tape.h"
 #include "nerf/base/real.h"
 #include "nerf/math/vec.h"
+#include "nerf/math/vignetting.h"
 
 namespace nerf {
 
@@ -33,9 +34,13 @@ struct CodeShape {
   int camera = 0;
   std::vector<int> cameras = {};        // as the capture numbers them
   std::vector<int> photo_cameras = {};  // of each photo, an index into these
+  // Lenses whose falloff is learnt, and of each photo an index into these. Training alone reads
+  // them: pictures are without.
+  std::vector<std::string> lenses = {};
+  std::vector<int> photo_lenses = {};
 
   bool any() const {
-    return (!photos.empty() && (appearance > 0 || colours || transient > 0)) ||
+    return !lenses.empty() || (!photos.empty() && (appearance > 0 || colours || transient > 0)) ||
            (!moments.empty() && (deformation > 0 || plane > 0)) || (!cameras.empty() && camera > 0);
   }
 };
@@ -44,12 +49,14 @@ struct CodeShape {
 struct CodeBooks {
   std::vector<std::string> photos;
   std::vector<double> moments;
-  std::vector<int> photo_moments, cameras, photo_cameras;
+  std::vector<int> photo_moments, cameras, photo_cameras, photo_lenses;
+  std::vector<std::string> lenses;
   LinearWeights appearance;          // [photos x numbers]
   LinearWeights colours;             // [photos x kColourChange]
   LinearWeights transient;           // [photos x numbers]
   LinearWeights deformation, plane;  // [moments x numbers]
   LinearWeights camera;              // [cameras x numbers]
+  LinearWeights falloff;             // [lenses x kFalloff]
 
   CodeBooks() = default;
   // Behind the weights before `begin`.
@@ -83,6 +90,13 @@ struct Appearance {
   std::array<Real, 3> changed(const Real rgb[3], Real opacity, const Vec3& background) const;
 };
 
+// The change of colour that so many stops more of linear light make (kColourChange numbers). Of
+// sRGB values above 0.04 it is one: where L = ((c + 0.055) / 1.055)^2.4, a gain g of L is
+// c' = m c + 0.055 (m - 1) with m = g^(1 / 2.4).
+std::array<Real, kColourChange> change_of_exposure(double stops);
+// How many stops more of linear light a mid-grey (0.5) has by a change.
+double exposure_of_change(std::span<const Real> change);
+
 // Of a row of the books in `weights`; of those where a part is missing it is empty.
 Appearance appearance_of(const CodeBooks& books, std::span<const Real> weights, int photo);
 // The mean over all photos; no change of colour.
@@ -93,6 +107,9 @@ Appearance appearance_at(const CodeBooks& books, std::span<const Real> weights, 
                          int camera);
 // share = 0 gives a, 1 gives b. An empty part of one counts as zeros.
 Appearance blend(const Appearance& a, const Appearance& b, Real share);
+
+// Of a lens of the books, by name; none where they do not know it.
+Falloff falloff_of(const CodeBooks& books, std::span<const Real> weights, const std::string& lens);
 
 // Gives n columns of an input the same numbers.
 void fill_rows(std::span<const Real> numbers, int n, Value input, Chunk& chunk);

@@ -7,6 +7,7 @@
 #include "nerf/base/threads.h"
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
+#include "nerf/train/shown_light.h"
 #include "nerf/train/trainer.h"
 
 namespace nerf {
@@ -14,10 +15,11 @@ namespace nerf {
 struct LightProbe {
   // How bright photos show the same sparse points: standard deviation over the training photos of
   // the binary logarithm (stops, of sRGB values); no value where there are too few points.
-  std::optional<double> exposure_spread;
+  std::optional<double> exposure_spread = {};
   // Of a short training on reduced photos: what share of its squared error is one colour across a
   // tile of a photo, which a sharper field would not mend; no value where none was made.
-  std::optional<double> smooth_share;
+  std::optional<double> smooth_share = {};
+  ShownLight shown = {};
 };
 
 // A few seconds. The short training is made of an unbounded scene with `train` photos enough, and

@@ -21,6 +21,13 @@ struct AutoShare {
   bool operator==(const AutoShare&) const = default;
 };
 
+// A factor, none, or the one that the capture shows.
+struct AutoFactor {
+  bool automatic = true;
+  double factor = 0;  // where not automatic
+  bool operator==(const AutoFactor&) const = default;
+};
+
 enum class Switch { kAuto, kOff, kOn };
 inline auto option_names(Switch) {
   return std::array{OptionName{Switch::kAuto, "auto"}, OptionName{Switch::kOff, "off"},
@@ -28,7 +35,7 @@ inline auto option_names(Switch) {
 }
 
 inline constexpr int kMostAppearance = 64;
-inline constexpr double kMostRobust = 0.5;
+inline constexpr double kMostRobust = 0.5, kMostFactor = 2;
 
 template <>
 struct OptionTraits<AutoCount> {
@@ -46,12 +53,23 @@ struct OptionTraits<AutoShare> {
   static AutoShare from_value(const OptionValue& v);
 };
 
+template <>
+struct OptionTraits<AutoFactor> {
+  static constexpr OptionType kType = OptionType::kText;
+  static void describe(OptionField& f);
+  static OptionValue to_value(const AutoFactor& x);
+  static AutoFactor from_value(const OptionValue& v);
+};
+
 struct LightRecipe {
   AutoShare robust;
   AutoCount appearance;
   Switch colour_correction = Switch::kAuto;
   double code_rate = 0.05, code_decay = 0.01;
   double colour_rate = 0.02, colour_decay = 0.01;
+  AutoFactor exif_exposure;
+  Switch vignetting = Switch::kAuto;
+  double vignetting_rate = 0.1, vignetting_decay = 0.01;
 
   template <class V>
   void visit_options(V& v) {
@@ -76,6 +94,17 @@ struct LightRecipe {
       "how fast the colour corrections fall to none, as a share of "
       "their step size",
       at_least(0), at_most(100));
+    v("exif_exposure", exif_exposure,
+      "stops that a photo is expected to be brighter for each that its EXIF lets in more, where "
+      "colour corrections begin and what they fall to; auto (where sparse points show it), off or "
+      "a factor");
+    v("vignetting", vignetting,
+      "how each lens darkens its photos towards their corners is learnt, and left out of pictures");
+    v("vignetting_rate", vignetting_rate,
+      "step size of the lenses' falloff, as a share of the networks'", above(0), at_most(10));
+    v("vignetting_decay", vignetting_decay,
+      "how fast the lenses' falloff falls to none, as a share of its step size", at_least(0),
+      at_most(100));
   }
 };
 
