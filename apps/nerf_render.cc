@@ -78,10 +78,7 @@ int render_main(int argc, char** argv) {
   for (const std::string& note : plan.notes) log_warning(note);
   give_appearance(command.appearance, field, plan);
   if (!command.mp4.empty()) check_video(command.mp4);
-  make_writable_folder(command.out);
   const LayerFiles layers(command.layers, command.exposure, field.info());
-  layers.begin(command.out);
-  bake(field, plan, pool, stop.cancel());
 
   RenderOptions options;
   options.background = command.background.value_or(field.info().background);
@@ -103,6 +100,9 @@ int render_main(int argc, char** argv) {
   InsertedObject object =
       insert_object(command.object, field, plan.frames.front().seconds, first_frame, pool);
   for (const std::string& note : object.notes) log_info(note);
+  make_writable_folder(command.out);
+  layers.begin(command.out);
+  bake(field, plan, pool, stop.cancel());
   const RenderFunction render_one = [&](const Camera& camera, const Pose& camera_to_world,
                                         const PlannedFrame& frame, bool preview,
                                         const std::function<void(double)>& progress) {

@@ -249,6 +249,13 @@ TEST_F(NerfRender, UnwritableOutput) {
           {"file"});
 }
 
+TEST_F(NerfRender, ABrokenObjectLeavesNoFolder) {
+  const std::string object = (folder_.path() / "broken.glb").string();
+  write_text(object, "glTF, or not");
+  refused({run_, "-o", out_, "--insert", object}, {"broken.glb"});
+  EXPECT_FALSE(fs::exists(out_));
+}
+
 TEST_F(NerfRender, ADiskThatIsFullLeavesNothingHalfWritten) {
   // No file may grow over 1 KB, as if the disk had no more room; the pictures are larger.
   const ProgramResult result = testing_apps::run_program(
