@@ -307,11 +307,6 @@ class Training {
     log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
-    if (summary_.evaluation.aligned)
-      log_info(
-          fmt::format("  aligned     PSNR {:.2f} dB, SSIM {:.4f}: from where a fit by each "
-                      "photo puts its camera",
-                      summary_.evaluation.aligned_psnr, summary_.evaluation.aligned_ssim));
     if (refines()) write_cameras(folder_.refined(), trainer_.snapshot().info(), scene_);
     log_info(fmt::format("written to  {}", folder_.path().string()));
     report();

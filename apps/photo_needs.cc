@@ -29,7 +29,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
   else if (light.colour_correction == Switch::kOn && light.exif_exposure.automatic)
     probe.shown = shown_light(scene, photos);
   resolve_light(probe, command.train);
-  const bool has_exif = light.colour_correction == Switch::kOn && light.exif_exposure.factor > 0;
+  const bool has_exif = light.colour_correction == Switch::kOn && light.exif_exposure.number > 0;
   if (!probe.smooth_share && !probe.exposure_spread && !has_exif) return;
   std::string seen;
   if (probe.exposure_spread)
@@ -39,7 +39,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
                         seen.empty() ? "" : ", ", 100 * *probe.smooth_share);
   if (has_exif)
     seen += fmt::format("{}{:.2f} stops for each of EXIF's", seen.empty() ? "" : ", ",
-                        light.exif_exposure.factor);
+                        light.exif_exposure.number);
   std::vector<std::string> learnt;
   if (light.appearance.count > 0)
     learnt.push_back(fmt::format("{} numbers a photo", light.appearance.count));

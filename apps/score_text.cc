@@ -22,6 +22,10 @@ std::vector<std::string> score_lines(const Evaluation& e) {
     for (const ScaleScore& s : e.scales)
       lines.push_back(fmt::format("  at 1/{:<6} PSNR {:.2f} dB, SSIM {:.4f}, mean of {} views",
                                   s.scale, s.psnr, s.ssim, s.counted));
+  if (e.aligned)
+    lines.push_back(fmt::format(
+        "  aligned     PSNR {:.2f} dB, SSIM {:.4f}: from where a fit by each photo puts its camera",
+        e.aligned_psnr, e.aligned_ssim));
   return lines;
 }
 

@@ -1,6 +1,7 @@
 #include "nerf/base/text.h"
 
 #include <algorithm>
+#include <charconv>
 
 namespace nerf {
 namespace {
@@ -47,6 +48,15 @@ bool natural_less(std::string_view a, std::string_view b) {
   if (a.empty() != b.empty()) return a.empty();
   if (whole_a.size() != whole_b.size()) return whole_a.size() < whole_b.size();
   return whole_a < whole_b;
+}
+
+std::optional<double> number_in(std::string_view text, double least, double most) {
+  double number = 0;
+  const char* const end = text.data() + text.size();
+  const auto [at, error] = std::from_chars(text.data(), end, number);
+  if (error != std::errc() || at != end || !(number >= least && number <= most))
+    return std::nullopt;
+  return number;
 }
 
 std::string shortened(std::string text, size_t bytes) {

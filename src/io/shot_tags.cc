@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "colmap.h"
+#include "nerf/math/median.h"
 
 namespace nerf::internal {
 
@@ -35,12 +36,6 @@ double sane(const Quantity& q, std::optional<double> said, std::string& nonsense
   if (*said >= q.least && *said <= q.most) return *said;
   if (nonsense.empty()) nonsense = fmt::format(fmt::runtime(q.name), *said);
   return 0;
-}
-
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 std::string camera_text(const OIIO::ImageSpec& spec) {

@@ -121,7 +121,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   };
   add_book("the photos' appearance", field.books.appearance, light.code_rate, light.code_decay);
   add_book("the photos' colours", field.books.colours, light.colour_rate, light.colour_decay);
-  if (field.books.colours.out > 0 && light.exif_exposure.factor > 0)
+  if (field.books.colours.out > 0 && light.exif_exposure.number > 0)
     sections.back().centre = expected_colours();
   add_book("the lenses' falloff", field.books.falloff, light.vignetting_rate,
            light.vignetting_decay);
@@ -151,7 +151,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     if (offset_weight > 0) moving->pull = AlignedArray<Real>(columns);
   }
   if (cameras || moving) d_position = AlignedArray<Real>(3 * columns);
-  if (const double share = o.grid_recipe.light.robust.share; share > 0) {
+  if (const double share = o.grid_recipe.light.robust.number; share > 0) {
     robust = std::make_unique<RobustMask>(p, s.train, share);
     maker.use_tiles(*robust);
     ray_errors.resize(batch.weight.size());
@@ -192,7 +192,7 @@ std::vector<Real> GridTrainer::expected_colours() const {
   std::vector<Real> out(book.size());
   const std::vector<size_t> views = views_of_files(scene, source);
   for (size_t p = 0; p < views.size(); ++p) {
-    const auto change = change_of_exposure(options.grid_recipe.light.exif_exposure.factor *
+    const auto change = change_of_exposure(options.grid_recipe.light.exif_exposure.number *
                                            scene.views[views[p]].exposure.value_or(0));
     std::ranges::copy(change, out.begin() + static_cast<ptrdiff_t>(p) * weight_stride(book.in));
   }
@@ -201,7 +201,7 @@ std::vector<Real> GridTrainer::expected_colours() const {
 
 void GridTrainer::initialise() {
   field.initialise(options.seed ^ salt);
-  if (field.books.colours.out > 0 && options.grid_recipe.light.exif_exposure.factor > 0)
+  if (field.books.colours.out > 0 && options.grid_recipe.light.exif_exposure.number > 0)
     std::ranges::copy(expected_colours(), field.weights.begin() + field.books.colours.offset);
   if (!field.motion.empty()) field.occupancy.remember_moments();
   optimiser.take_weights(field);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "nerf/io/photo_scales.h"
+#include "nerf/math/median.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/integrator.h"
 #include "train/sightings.h"
@@ -21,12 +22,6 @@ constexpr int kSteps = 300;
 constexpr int kTile = 8, kApart = 2;  // pixels of a reduced photo: of a tile, and between its rays
 constexpr size_t kPhotos = 24;        // that the short training's pictures are compared with
 constexpr double kDark = 0.02;        // added to what a logarithm is taken of
-
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::optional<double> exposure_spread(const Scene& scene, const PhotoSet& photos) {
   struct Seen {

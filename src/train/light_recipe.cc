@@ -3,6 +3,8 @@
 #include <charconv>
 #include <optional>
 
+#include "nerf/base/text.h"
+
 namespace nerf {
 
 namespace {
@@ -18,66 +20,41 @@ std::optional<AutoCount> count_from(const std::string& text) {
   return AutoCount{false, count};
 }
 
-// auto, off or a number up to `most`.
-template <class Number>
-std::optional<Number> number_from(const std::string& text, double most) {
-  if (text == "auto") return Number{};
-  if (text == "off") return Number{false, 0};
-  double number = 0;
-  const char* const end = text.data() + text.size();
-  const auto [at, error] = std::from_chars(text.data(), end, number);
-  if (error != std::errc() || at != end || !(number >= 0 && number <= most)) return std::nullopt;
-  return Number{false, number};
-}
-
-std::string text_of(bool automatic, double number) {
-  if (automatic) return "auto";
-  if (number == 0) return "off";
-  char text[32];
-  const auto end = std::to_chars(text, text + sizeof(text), number).ptr;
-  return std::string(text, end);
-}
-
-std::optional<AutoShare> share_from(const std::string& text) {
-  return number_from<AutoShare>(text, kMostRobust);
-}
-std::optional<AutoFactor> factor_from(const std::string& text) {
-  return number_from<AutoFactor>(text, kMostFactor);
+template <class Limit>
+std::optional<AutoNumber<Limit>> number_from(const std::string& text) {
+  if (text == "auto") return AutoNumber<Limit>{};
+  if (text == "off") return AutoNumber<Limit>{false, 0};
+  const auto number = number_in(text, 0, Limit::kMost);
+  if (!number) return std::nullopt;
+  return AutoNumber<Limit>{false, *number};
 }
 
 }  // namespace
 
-void OptionTraits<AutoShare>::describe(OptionField& f) {
+template <class Limit>
+void OptionTraits<AutoNumber<Limit>>::describe(OptionField& f) {
   f.metavar = "auto|off|X";
   f.problem = [](const OptionValue& value) {
-    return share_from(std::get<std::string>(value)) ? ""
-                                                    : "expected auto, off or a share up to 0.5";
+    return number_from<Limit>(std::get<std::string>(value)) ? "" : Limit::kExpected;
   };
 }
 
-OptionValue OptionTraits<AutoShare>::to_value(const AutoShare& x) {
-  return text_of(x.automatic, x.share);
+template <class Limit>
+OptionValue OptionTraits<AutoNumber<Limit>>::to_value(const AutoNumber<Limit>& x) {
+  if (x.automatic) return std::string("auto");
+  if (x.number == 0) return std::string("off");
+  char text[32];
+  const auto end = std::to_chars(text, text + sizeof(text), x.number).ptr;
+  return std::string(text, end);
 }
 
-AutoShare OptionTraits<AutoShare>::from_value(const OptionValue& v) {
-  return share_from(std::get<std::string>(v)).value_or(AutoShare{});
+template <class Limit>
+AutoNumber<Limit> OptionTraits<AutoNumber<Limit>>::from_value(const OptionValue& v) {
+  return number_from<Limit>(std::get<std::string>(v)).value_or(AutoNumber<Limit>{});
 }
 
-void OptionTraits<AutoFactor>::describe(OptionField& f) {
-  f.metavar = "auto|off|X";
-  f.problem = [](const OptionValue& value) {
-    return factor_from(std::get<std::string>(value)) ? ""
-                                                     : "expected auto, off or a factor up to 2";
-  };
-}
-
-OptionValue OptionTraits<AutoFactor>::to_value(const AutoFactor& x) {
-  return text_of(x.automatic, x.factor);
-}
-
-AutoFactor OptionTraits<AutoFactor>::from_value(const OptionValue& v) {
-  return factor_from(std::get<std::string>(v)).value_or(AutoFactor{});
-}
+template struct OptionTraits<AutoShare>;
+template struct OptionTraits<AutoFactor>;
 
 void OptionTraits<AutoCount>::describe(OptionField& f) {
   f.metavar = "auto|off|N";

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "nerf/math/median.h"
 #include "nerf/model/field.h"
 
 namespace nerf {
@@ -12,11 +13,8 @@ namespace nerf {
 namespace {
 
 void centre_on_median(std::vector<double>& values) {
-  if (values.empty()) return;
-  std::vector<double> sorted = values;
-  const auto middle = sorted.begin() + static_cast<ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  for (double& v : values) v -= *middle;
+  const double median = median_of(values);
+  for (double& v : values) v -= median;
 }
 
 // Of each photo of the books.

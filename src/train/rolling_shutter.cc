@@ -14,6 +14,8 @@
 #include <utility>
 
 #include "nerf/base/error.h"
+#include "nerf/base/text.h"
+#include "nerf/math/median.h"
 
 namespace nerf {
 
@@ -22,19 +24,9 @@ namespace {
 std::optional<Readout> readout_from(const std::string& text) {
   if (text == "off") return Readout{};
   if (text == "auto") return Readout{true, 0};
-  double share = 0;
-  const char* const end = text.data() + text.size();
-  const auto [at, error] = std::from_chars(text.data(), end, share);
-  if (error != std::errc() || at != end || !(share >= 0 && share <= kMostReadout))
-    return std::nullopt;
-  return Readout{false, share};
-}
-
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
+  const auto share = number_in(text, 0, kMostReadout);
+  if (!share) return std::nullopt;
+  return Readout{false, *share};
 }
 
 // A sensor's lines are its long side. Phones and ffmpeg turn what was filmed upright: what was the

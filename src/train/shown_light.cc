@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 
+#include "nerf/math/median.h"
 #include "nerf/math/srgb.h"
 #include "nerf/math/vignetting.h"
 #include "train/lenses.h"
@@ -61,12 +62,6 @@ std::vector<Seen> all_seen(const Scene& scene, const PhotoSet& photos, const Len
   }
   std::erase_if(seen, [&](const Seen& s) { return of_point[s.point] < kFewestOfPoint; });
   return seen;
-}
-
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 struct Sums {

@@ -39,6 +39,14 @@ TEST(Text, NaturalOrderCountsNumbers) {
       EXPECT_EQ(natural_less(sorted[i], sorted[j]), i < j) << sorted[i] << " and " << sorted[j];
 }
 
+TEST(NumberIn, TakesNumbersWithinTheBoundsAlone) {
+  EXPECT_EQ(number_in("0.25", 0, 1), 0.25);
+  EXPECT_EQ(number_in("1", 0, 1), 1);
+  EXPECT_EQ(number_in("1e-1", 0, 1), 0.1);
+  for (const char* text : {"", "x", "0.5x", " 0.5", "1.01", "-0.1", "nan", "inf"})
+    EXPECT_FALSE(number_in(text, 0, 1)) << text;
+}
+
 TEST(Shortened, CutsBetweenCharacters) {
   EXPECT_EQ(shortened("abc", 3), "abc");
   EXPECT_EQ(shortened("abcd", 3), "abc");

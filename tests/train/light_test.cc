@@ -8,13 +8,12 @@
 #include "nerf/train/evaluation.h"
 #include "nerf/train/light_probe.h"
 #include "nerf/train/trainer.h"
+#include "support/repeatable.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 
 namespace nerf {
 namespace {
-
-using test::bits_of;
 
 // Photo i is so bright, against the others.
 double gain_of(int i) { return 0.7 + 0.15 * (i % 4) - 0.1 * (i % 3); }
@@ -104,26 +103,7 @@ TEST(Light, GoesOnBitForBitForAnyNumberOfThreads) {
   const auto c = in_many_lights(8);
   TrainOptions options = options_with(4, Switch::kOn, 30);
   options.grid_recipe.light.robust = {false, 0.2};
-  const auto bits_after = [&](int threads, int64_t steps) {
-    ThreadPool pool(threads);
-    Trainer trainer(c.scene, c.photos, options, pool);
-    for (int64_t i = 0; i < steps; ++i) trainer.step();
-    return bits_of(trainer);
-  };
-  const auto whole = bits_after(2, 30);
-  EXPECT_EQ(whole, bits_after(1, 30));
-  const test::TempFolder folder;
-  ThreadPool pool(2);
-  {
-    Trainer first(c.scene, c.photos, options, pool);
-    for (int i = 0; i < 15; ++i) first.step();
-    first.save_checkpoint(folder / "c");
-  }
-  Trainer second(c.scene, c.photos, options, pool);
-  second.step();
-  second.load_checkpoint(folder / "c");
-  for (int i = 0; i < 15; ++i) second.step();
-  EXPECT_EQ(whole, bits_of(second));
+  test::expect_repeatable(c, options);
 }
 
 TEST(Light, FixedLightNeedsNothing) {

@@ -8,14 +8,13 @@
 #include "nerf/train/evaluation.h"
 #include "nerf/train/light_report.h"
 #include "nerf/train/trainer.h"
+#include "support/repeatable.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 #include "train/lens_picture.h"
 
 namespace nerf {
 namespace {
-
-using test::bits_of;
 
 constexpr Falloff kTruth{-0.25, -0.1, 0.02};  // 0.58 stops in the corners
 
@@ -167,26 +166,7 @@ TEST(Vignetting, GoesOnBitForBitForAnyNumberOfThreads) {
   TrainOptions options = learning(30);
   options.grid_recipe.light.colour_correction = Switch::kOn;
   options.grid_recipe.light.exif_exposure = {false, 0.8};
-  const auto bits_after = [&](int threads, int64_t steps) {
-    ThreadPool pool(threads);
-    Trainer trainer(c.scene, c.photos, options, pool);
-    for (int64_t i = 0; i < steps; ++i) trainer.step();
-    return bits_of(trainer);
-  };
-  const auto whole = bits_after(2, 30);
-  EXPECT_EQ(whole, bits_after(1, 30));
-  const test::TempFolder folder;
-  ThreadPool pool(2);
-  {
-    Trainer first(c.scene, c.photos, options, pool);
-    for (int i = 0; i < 15; ++i) first.step();
-    first.save_checkpoint(folder / "c");
-  }
-  Trainer second(c.scene, c.photos, options, pool);
-  second.step();
-  second.load_checkpoint(folder / "c");
-  for (int i = 0; i < 15; ++i) second.step();
-  EXPECT_EQ(whole, bits_of(second));
+  test::expect_repeatable(c, options);
 }
 
 // EXIF alone changes nothing, neither does a lens that nobody has decided to learn.

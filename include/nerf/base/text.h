@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -14,6 +15,9 @@ std::string line_and_column(std::string_view text, size_t byte);
 // Order of names with numbers in them as people count: img2 before img10. Runs of digits compare by
 // value, everything else bytewise; equal values by the number of leading zeros.
 bool natural_less(std::string_view a, std::string_view b);
+
+// A number from `least` to `most` and nothing else; no value for other text.
+std::optional<double> number_in(std::string_view text, double least, double most);
 
 // The first characters of UTF-8 text, at most `bytes` long; a character is left out rather than
 // cut.

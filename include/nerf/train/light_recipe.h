@@ -14,19 +14,23 @@ struct AutoCount {
   bool operator==(const AutoCount&) const = default;
 };
 
-// A share, none, or as much as the capture asks for.
-struct AutoShare {
+// A number, none (0), or the one that the capture asks for.
+template <class Limit>
+struct AutoNumber {
   bool automatic = true;
-  double share = 0;  // where not automatic
-  bool operator==(const AutoShare&) const = default;
+  double number = 0;  // where not automatic
+  bool operator==(const AutoNumber&) const = default;
 };
-
-// A factor, none, or the one that the capture shows.
-struct AutoFactor {
-  bool automatic = true;
-  double factor = 0;  // where not automatic
-  bool operator==(const AutoFactor&) const = default;
+struct ShareLimit {
+  static constexpr double kMost = 0.5;
+  static constexpr const char* kExpected = "expected auto, off or a share up to 0.5";
 };
+struct FactorLimit {
+  static constexpr double kMost = 2;
+  static constexpr const char* kExpected = "expected auto, off or a factor up to 2";
+};
+using AutoShare = AutoNumber<ShareLimit>;
+using AutoFactor = AutoNumber<FactorLimit>;
 
 enum class Switch { kAuto, kOff, kOn };
 inline auto option_names(Switch) {
@@ -35,7 +39,6 @@ inline auto option_names(Switch) {
 }
 
 inline constexpr int kMostAppearance = 64;
-inline constexpr double kMostRobust = 0.5, kMostFactor = 2;
 
 template <>
 struct OptionTraits<AutoCount> {
@@ -45,20 +48,12 @@ struct OptionTraits<AutoCount> {
   static AutoCount from_value(const OptionValue& v);
 };
 
-template <>
-struct OptionTraits<AutoShare> {
+template <class Limit>
+struct OptionTraits<AutoNumber<Limit>> {
   static constexpr OptionType kType = OptionType::kText;
   static void describe(OptionField& f);
-  static OptionValue to_value(const AutoShare& x);
-  static AutoShare from_value(const OptionValue& v);
-};
-
-template <>
-struct OptionTraits<AutoFactor> {
-  static constexpr OptionType kType = OptionType::kText;
-  static void describe(OptionField& f);
-  static OptionValue to_value(const AutoFactor& x);
-  static AutoFactor from_value(const OptionValue& v);
+  static OptionValue to_value(const AutoNumber<Limit>& x);
+  static AutoNumber<Limit> from_value(const OptionValue& v);
 };
 
 struct LightRecipe {
