@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <memory>
 #include <vector>
 
 #include "autodiff/ray_rows.h"
@@ -197,6 +198,10 @@ class TableRows : public Operation {
 Value frequency_encoding(Tape& tape, Value x, std::span<const Real> weights, bool identity) {
   return frequency_encoding(
       tape, x, std::make_shared<const std::vector<Real>>(weights.begin(), weights.end()), identity);
+}
+
+FrequencyWeights open_window(int degrees) {
+  return std::make_shared<const std::vector<Real>>(static_cast<size_t>(degrees), 1.0_r);
 }
 
 Value frequency_encoding(Tape& tape, Value x, const FrequencyWeights& weights, bool identity) {

@@ -56,42 +56,42 @@ FlushDenormals::~FlushDenormals() {
 
 namespace {
 
-// Indices [begin, end) that one thread takes from the front and others from the back.
-class alignas(64) Range {
- public:
-  void set(int64_t begin, int64_t end) { bounds_ = pack(begin, end); }
-  // -1: none left.
-  int64_t take_first() {
-    uint64_t b = bounds_.load(std::memory_order_relaxed);
-    while (begin(b) < end(b))
-      if (bounds_.compare_exchange_weak(b, pack(begin(b) + 1, end(b)), std::memory_order_relaxed))
-        return begin(b);
-    return -1;
-  }
-  int64_t take_last() {
-    uint64_t b = bounds_.load(std::memory_order_relaxed);
-    while (begin(b) < end(b))
-      if (bounds_.compare_exchange_weak(b, pack(begin(b), end(b) - 1), std::memory_order_relaxed))
-        return end(b) - 1;
-    return -1;
-  }
-  static constexpr int64_t kMost = INT32_MAX;
-
- private:
-  static uint64_t pack(int64_t begin, int64_t end) {
-    return static_cast<uint64_t>(begin) << 32 | static_cast<uint64_t>(end);
-  }
-  static int64_t begin(uint64_t b) { return static_cast<int64_t>(b >> 32); }
-  static int64_t end(uint64_t b) { return static_cast<int64_t>(b & 0xffffffffu); }
-  std::atomic<uint64_t> bounds_{0};
-};
-
 // So many indices for each thread are enough for each to begin with a range of its own.
 constexpr int64_t kRangeFrom = 10;
 
 }  // namespace
 
 struct ThreadPool::Impl {
+  // Indices [begin, end) that one thread takes from the front and others from the back.
+  class alignas(64) Range {
+   public:
+    void set(int64_t begin, int64_t end) { bounds_ = pack(begin, end); }
+    // -1: none left.
+    int64_t take_first() {
+      uint64_t b = bounds_.load(std::memory_order_relaxed);
+      while (begin(b) < end(b))
+        if (bounds_.compare_exchange_weak(b, pack(begin(b) + 1, end(b)), std::memory_order_relaxed))
+          return begin(b);
+      return -1;
+    }
+    int64_t take_last() {
+      uint64_t b = bounds_.load(std::memory_order_relaxed);
+      while (begin(b) < end(b))
+        if (bounds_.compare_exchange_weak(b, pack(begin(b), end(b) - 1), std::memory_order_relaxed))
+          return end(b) - 1;
+      return -1;
+    }
+    static constexpr int64_t kMost = INT32_MAX;
+
+   private:
+    static uint64_t pack(int64_t begin, int64_t end) {
+      return static_cast<uint64_t>(begin) << 32 | static_cast<uint64_t>(end);
+    }
+    static int64_t begin(uint64_t b) { return static_cast<int64_t>(b >> 32); }
+    static int64_t end(uint64_t b) { return static_cast<int64_t>(b & 0xffffffffu); }
+    std::atomic<uint64_t> bounds_{0};
+  };
+
   std::vector<std::thread> workers;
   std::mutex mutex;
   std::condition_variable start, done;
@@ -177,7 +177,7 @@ struct ThreadPool::Impl {
 
 ThreadPool::ThreadPool(int threads) : impl_(std::make_unique<Impl>()) {
   size_ = threads > 0 ? threads : available_processors();
-  impl_->ranges = std::vector<Range>(static_cast<size_t>(size_));
+  impl_->ranges = std::vector<Impl::Range>(static_cast<size_t>(size_));
   try {
     for (int i = 1; i < size_; ++i)
       impl_->workers.emplace_back([impl = impl_.get(), i] { impl->worker_main(i); });

@@ -12,7 +12,6 @@ namespace nerf {
 
 namespace {
 
-constexpr int kSide = VoxelVolume::kSide;
 constexpr int kTile = 8;  // pixels along the side of what has a greatest depth
 
 // A view as fusion looks at it: where a sample of the volume is in the picture, and what is there.
@@ -31,7 +30,7 @@ class FusedView {
   // Adds what the view says of the block's samples. `corner`: its first sample.
   void add_to(VoxelVolume::Block& block, const Vec3d& corner, double truncation) const {
     const Vec3d first = to_camera_ * corner;
-    const double extent = (kSide - 1) * spacing_;
+    const double extent = (VoxelVolume::kSide - 1) * spacing_;
     Box3 box;  // of the block, camera axes
     for (int k = 0; k < 8; ++k) box.extend(first + step(k & 1, k >> 1 & 1, k >> 2, extent));
     if (box.max.z <= kLeastDepth) return;
@@ -45,10 +44,10 @@ class FusedView {
     const Vec3d dx = r.column(0) * spacing_, dy = r.column(1) * spacing_,
                 dz = r.column(2) * spacing_;
     size_t i = 0;
-    for (int z = 0; z < kSide; ++z)
-      for (int y = 0; y < kSide; ++y) {
+    for (int z = 0; z < VoxelVolume::kSide; ++z)
+      for (int y = 0; y < VoxelVolume::kSide; ++y) {
         Vec3d p = first + dz * z + dy * y;
-        for (int x = 0; x < kSide; ++x, ++i, p = p + dx)
+        for (int x = 0; x < VoxelVolume::kSide; ++x, ++i, p = p + dx)
           add(p, truncation, block.value[i], block.weight[i]);
       }
   }
@@ -206,12 +205,12 @@ void mark_blocks(const DepthView& view, const VoxelVolume& volume,
       int low[3], high[3];
       bool inside = true;
       for (int k = 0; k < 3; ++k) {
-        const double end = along[static_cast<size_t>(k)] * kSide;
+        const double end = along[static_cast<size_t>(k)] * VoxelVolume::kSide;
         inside = inside && at[k] > -kMargin && at[k] < end + kMargin;
         if (!inside) break;
         const int last = along[static_cast<size_t>(k)] - 1;
-        low[k] = std::clamp(static_cast<int>((at[k] - kMargin) / kSide), 0, last);
-        high[k] = std::clamp(static_cast<int>((at[k] + kMargin) / kSide), 0, last);
+        low[k] = std::clamp(static_cast<int>((at[k] - kMargin) / VoxelVolume::kSide), 0, last);
+        high[k] = std::clamp(static_cast<int>((at[k] + kMargin) / VoxelVolume::kSide), 0, last);
       }
       if (!inside) continue;
       for (int k = low[2]; k <= high[2]; ++k)

@@ -18,7 +18,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMostBytes = uint64_t{2} << 30;  // of a file; tinygltf counts in 32 bits
-constexpr const char* kHint = "export the file again";
 
 std::string one_line(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
@@ -92,7 +91,7 @@ tinygltf::Model load_gltf(const fs::path& path) {
   }
   if (!good)
     throw Error("cannot read the glTF file: " + one_line(problem.empty() ? "damaged" : problem),
-                path.string(), kHint);
+                path.string(), kExportAgain);
   check_document(model, path);
   return model;
 }
@@ -100,7 +99,7 @@ tinygltf::Model load_gltf(const fs::path& path) {
 GltfNumbers::GltfNumbers(const tinygltf::Model& model, int accessor, const std::string& what,
                          const fs::path& path, bool zeros) {
   const auto fail = [&](const std::string& problem) {
-    throw Error(what + ": " + problem, path.string(), kHint);
+    throw Error(what + ": " + problem, path.string(), kExportAgain);
   };
   const auto has = [](const auto& list, int i) {
     return i >= 0 && static_cast<size_t>(i) < list.size();

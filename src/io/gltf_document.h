@@ -13,6 +13,9 @@
 
 namespace nerf::internal {
 
+// The remedy for a file whose numbers or parts do not fit together.
+inline constexpr const char* kExportAgain = "export the file again";
+
 // The file read by tinygltf, images not decoded (Image::image holds the file's bytes). Throws
 // Error.
 tinygltf::Model load_gltf(const std::filesystem::path& path);

@@ -16,8 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kHint = "export the object again";
-
 class MaterialReader {
  public:
   MaterialReader(const tinygltf::Model& model, const fs::path& path, SceneObject& object,
@@ -58,7 +56,7 @@ class MaterialReader {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& what, const std::string& hint = kHint) const {
+  [[noreturn]] void fail(const std::string& what, const std::string& hint = kExportAgain) const {
     throw Error(what, path_.string(), hint);
   }
 
@@ -105,7 +103,7 @@ class MaterialReader {
     const tinygltf::Image& given = model_.images[static_cast<size_t>(image)];
     const std::string name =
         fmt::format("{}: {}, image {} {}", path_.string(), what, image, printable(given.uri));
-    if (given.image.empty()) throw Error("the texture's picture is missing", name, kHint);
+    if (given.image.empty()) throw Error("the texture's picture is missing", name, kExportAgain);
     const StoredImage stored = decode_image(given.image, name);
     Texture t;
     t.width = stored.width;

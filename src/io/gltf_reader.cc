@@ -26,7 +26,6 @@ constexpr size_t kMostTriangles = 50'000'000;
 // Of what moves vertices: targets and sets of joints may share an accessor, so that a small file
 // could ask for any memory.
 constexpr size_t kMostMoves = 50'000'000;
-constexpr const char* kHint = "export the object again";
 
 class ObjectReader {
  public:
@@ -52,7 +51,8 @@ class ObjectReader {
   }
 
  private:
-  [[noreturn]] void fail(const std::string& what, const std::string& hint = kHint) const {
+  [[noreturn]] void fail(const std::string& what,
+                         const std::string& hint = internal::kExportAgain) const {
     throw Error(what, path_.string(), hint);
   }
   void note(const std::string& text) { out_.notes.push_back(path_.string() + ": " + text); }

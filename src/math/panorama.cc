@@ -6,7 +6,6 @@
 namespace nerf {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kSlack = 1e-12;  // of an angle: the picture's borders are seen whatever rounding
 
 bool usable(const Camera& camera) {
@@ -36,7 +35,7 @@ Camera panorama(int width, int height, double azimuths) {
   camera.model = CameraModel::kEquirectangular;
   camera.width = width;
   camera.height = height;
-  camera.params = {width / azimuths, height / kPi, 0.5 * width, 0.5 * height};
+  camera.params = {width / azimuths, height / std::numbers::pi, 0.5 * width, 0.5 * height};
   return camera;
 }
 
@@ -63,8 +62,8 @@ std::optional<Vec2d> internal::project_panorama(const Camera& camera, const Vec3
 
 std::optional<Vec3d> internal::unproject_panorama(const Camera& camera, const Vec2d& pixel) {
   const Angles a = angles_of(camera, pixel);
-  if (!usable(camera) || !(std::abs(a.azimuth) <= kPi + kSlack) ||
-      !(std::abs(a.down) <= kPi / 2 + kSlack))
+  if (!usable(camera) || !(std::abs(a.azimuth) <= std::numbers::pi + kSlack) ||
+      !(std::abs(a.down) <= std::numbers::pi / 2 + kSlack))
     return std::nullopt;
   return direction_of(a);
 }

@@ -9,10 +9,9 @@ namespace nerf {
 
 using internal::cosine_ratio;
 using internal::sine_ratio;
+using internal::turned_twice;
 
 namespace {
-
-Vec3d turned_twice(const Vec3d& w, const Vec3d& v) { return cross(w, cross(w, v)); }
 
 bool has_one_focal(CameraModel model) {
   switch (model) {

@@ -1,9 +1,13 @@
-// Quotients of sines by powers of an angle, of its square; exact to rounding for small angles too.
+// What the exponentials of rotations and rigid motions share.
 #pragma once
 
 #include <cmath>
 
+#include "nerf/math/vec.h"
+
 namespace nerf::internal {
+
+// Quotients of sines by powers of an angle, of its square; exact to rounding for small angles too.
 
 // (1 - cos x) / x^2.
 inline double cosine_ratio(double x2) {
@@ -18,5 +22,8 @@ inline double sine_ratio(double x2) {
   const double x = std::sqrt(x2);
   return (x - std::sin(x)) / (x2 * x);
 }
+
+// The generator of the rotation w applied twice: w x (w x v).
+inline Vec3d turned_twice(const Vec3d& w, const Vec3d& v) { return cross(w, cross(w, v)); }
 
 }  // namespace nerf::internal

@@ -8,9 +8,9 @@
 
 namespace nerf {
 
-namespace {
+using internal::turned_twice;
 
-Vec3d turned_twice(const Vec3d& w, const Vec3d& v) { return cross(w, cross(w, v)); }
+namespace {
 
 // (1 - (x / 2) cot(x / 2)) / x^2, of x^2.
 double inverse_ratio(double x2) {

@@ -40,10 +40,6 @@ PointShape sheet_shape(const DeformOptions& o) {
   return s;
 }
 
-FrequencyWeights open_window(int degrees) {
-  return std::make_shared<const std::vector<Real>>(static_cast<size_t>(degrees), 1.0_r);
-}
-
 }  // namespace
 
 DeformNetworks::DeformNetworks(const DeformOptions& o, size_t first) : begin(first), end(first) {

@@ -14,10 +14,6 @@ constexpr int kSheetDepth = 2, kSheetWidth = 32, kAmbientDegrees = 1;
 // Of the first weights of what shapes little at first (Park et al. 2021b, appendix).
 constexpr Real kSheetBound = 1e-4_r;
 
-std::vector<Real> open_window(int degrees) {
-  return std::vector<Real>(static_cast<size_t>(degrees), 1.0_r);
-}
-
 int encoded_rows(int rows, int degrees) { return rows + 2 * rows * degrees; }
 
 }  // namespace
@@ -95,8 +91,7 @@ MotionTape::MotionTape(const GridField& field, bool training) : tape(kChunkSampl
   position = tape.input(3, Domain::kSamples, training);
   time = tape.input(1, Domain::kRays);
   const Value code = repeat_for_samples(tape, record_time_code(tape, field.motion, time));
-  const FrequencyWeights window = std::make_shared<const std::vector<Real>>(
-      open_window(field.motion.shape.warp.position_degrees));
+  const FrequencyWeights window = open_window(field.motion.shape.warp.position_degrees);
   const Value contracted = scale_shift(tape, position, 2 * extent, -extent);
   const Value warped = record_warp(tape, field.motion.warp, contracted, code, window);
   canonical = scale_shift(tape, warped, 1 / (2 * extent), 0.5_r);

@@ -15,7 +15,6 @@ namespace nerf::internal {
 
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kReach = 8;  // radii: the ball takes less than 1/64 of the light further away
 constexpr double kNear = 2;   // radii: shadows have edges
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -101,10 +100,10 @@ std::optional<Vec3d> light_left(const ShadowCaster& c, const Vec3d& sent, const 
   const int n = rays_towards(1 - rim, c.options.shadow_rays);
   const Frame3 frame(inside ? normal : to_centre / distance);
   // A golden spiral, turned at random from pixel to pixel.
-  const double turn = 2 * kPi * static_cast<double>(Random(2, 0, pixel).uniform());
-  const std::complex<double> step = std::polar(1.0, kPi * (3 - std::sqrt(5.0)));
+  const double turn = 2 * std::numbers::pi * static_cast<double>(Random(2, 0, pixel).uniform());
+  const std::complex<double> step = std::polar(1.0, std::numbers::pi * (3 - std::sqrt(5.0)));
   std::complex<double> azimuth = std::polar(1.0, turn);
-  const double share = 2 * kPi * (1 - rim) / n;  // solid angle of a ray
+  const double share = 2 * std::numbers::pi * (1 - rim) / n;  // solid angle of a ray
   for (int i = 0; i < n; ++i, azimuth *= step) {
     const double cosine = 1 - (1 - rim) * (i + 0.5) / n;
     const Vec3d d = frame.at(cosine, azimuth);
@@ -114,7 +113,7 @@ std::optional<Vec3d> light_left(const ShadowCaster& c, const Vec3d& sent, const 
     if (through == 1) continue;
     Vec3d lost = c.around.radiance(d) - sent;
     for (int k = 0; k < 3; ++k) lost[k] = std::max(lost[k], 0.0);
-    taken = taken + lost * ((1 - through) * facing * share / kPi);
+    taken = taken + lost * ((1 - through) * facing * share / std::numbers::pi);
   }
   for (const DistantLight& light : c.options.lights) {
     const double facing = dot(normal, light.towards);

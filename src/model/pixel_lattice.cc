@@ -22,7 +22,7 @@ int first_from(int from, int step, int offset) {
 constexpr Real kContrast = 0.055_r, kAlong = 0.1_r, kTwist = 0.16_r, kSurprise = 0.6_r;
 constexpr Real kAtFirst = 1.7_r;
 constexpr Real kEarly = 0.6_r;    // of the tolerance, before the last two passes
-constexpr int kReach = 3;         // of the outer neighbours
+constexpr int kOuterReach = 3;    // of the outer neighbours
 constexpr Real kOuter = 0.125_r;  // Their weight; 0.125 is that of the cubic through four points.
 
 }  // namespace
@@ -113,7 +113,7 @@ bool PixelLattice::interpolate(const Pass& pass, int x, int y, size_t p, const s
       &pass == &passes_[1] ? kAtFirst * differences : differences + kSurprise * surprise;
   if (!(guess < pass.tolerance)) return false;
   size_t outer[4];
-  bool curved = find_neighbours(pass, kReach, x, y, outer);
+  bool curved = find_neighbours(pass, kOuterReach, x, y, outer);
   for (size_t i = 0; curved && i < 4; ++i) {
     const Real depth = frame.depth_z[outer[i]];
     curved = depth > 0 && !sees_object(outer[i]) &&

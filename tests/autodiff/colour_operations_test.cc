@@ -9,9 +9,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 // rgb' = background (1 - opacity) + (I + A) foreground + opacity b.
 TEST(Gradient, ChangeColours) {
   for (int needs = 1; needs < 4; ++needs)

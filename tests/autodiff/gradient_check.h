@@ -21,6 +21,9 @@
 
 namespace nerf {
 
+using enum Domain;
+using Values = std::vector<Value>;
+
 // Rays of several lengths, empty ones among them; none at all; the whole of kSampleCapacity.
 inline constexpr int kSampleCapacity = 64, kRayCapacity = 16;
 inline std::vector<Rays> ray_layouts() {

@@ -9,9 +9,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 constexpr double kMost = 0.125, kStop = 0.25;
 
 TEST(Gradient, GroupLight) {

@@ -11,9 +11,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 template <class T>
 T power(T x, double y) {
   using std::exp, std::log;

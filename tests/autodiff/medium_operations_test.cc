@@ -11,9 +11,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 template <class T>
 struct MediumOf {
   std::array<T, 3> attenuation, backscatter, colour;

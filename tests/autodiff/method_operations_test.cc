@@ -14,9 +14,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 TEST(Gradient, LinearWithBias) {
   static const LinearWeights w{0, 5, 19, true}, next{w.size(), 19, 2, true};
   for (Domain domain : {kSamples, kRays})

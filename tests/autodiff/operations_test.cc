@@ -12,8 +12,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
 constexpr LinearActivation kPlain = LinearActivation::kNone, kRelu = LinearActivation::kRelu;
 
 // Layers placed one after the other, as a model does.

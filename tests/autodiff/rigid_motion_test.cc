@@ -15,8 +15,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
 using Doubles = std::vector<double>;
 
 // Largest coordinates of the rotation vector: none, and angles on both sides of where the series

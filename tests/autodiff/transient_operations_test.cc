@@ -9,9 +9,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 // Either kind thin or opaque, before a bright background, with and without a closed end.
 TEST(Gradient, CompositeTransient) {
   for (bool opaque_end : {false, true})

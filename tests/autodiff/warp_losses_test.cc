@@ -16,8 +16,6 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
 using Doubles = std::vector<double>;
 
 // Sum over a ray's samples of f(sample), times the ray's scale.

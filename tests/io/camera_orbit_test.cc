@@ -8,8 +8,6 @@
 namespace nerf::internal {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 Pose towards(const Vec3d& position, const Vec3d& target) {
   return {look_rotation(target - position, {0, 0, 1}), position};
 }
@@ -37,7 +35,7 @@ auto ball(const Vec3d& center, double radius) {
 TEST(CameraOrbit, GoesAsFarAndAsHighAsTheCamerasThere) {
   OrbitInput input;
   for (int i = 0; i < 72; ++i) {
-    const double a = 2 * kPi * i / 72;
+    const double a = 2 * std::numbers::pi * i / 72;
     input.cameras.push_back(towards(on_circle(a, 3 + std::cos(a), 1 + 0.5 * std::sin(a)), {}));
   }
   std::vector<std::string> notes;
@@ -53,7 +51,7 @@ TEST(CameraOrbit, GoesAsFarAndAsHighAsTheCamerasThere) {
 }
 
 TEST(CameraOrbit, StraysDoNotCount) {
-  OrbitInput input = ring(24, 2 * kPi);
+  OrbitInput input = ring(24, 2 * std::numbers::pi);
   input.cameras.push_back(towards({40, 0, 5}, {}));
   input.cameras.push_back(towards({0.1, 0, 0.1}, {}));
   std::vector<std::string> notes;
@@ -64,15 +62,15 @@ TEST(CameraOrbit, StraysDoNotCount) {
 
 TEST(CameraOrbit, AGapOfAQuarterIsNotCrossed) {
   std::vector<std::string> notes;
-  make_orbit(ring(40, 1.6 * kPi), notes);  // 72 degrees without a photo
+  make_orbit(ring(40, 1.6 * std::numbers::pi), notes);  // 72 degrees without a photo
   EXPECT_TRUE(notes.empty());
-  const PoseCurve swing = make_orbit(ring(40, 1.4 * kPi), notes);  // 108 degrees
+  const PoseCurve swing = make_orbit(ring(40, 1.4 * std::numbers::pi), notes);  // 108 degrees
   EXPECT_EQ(notes.size(), 1u);
   for (int i = 0; i < 100; ++i) {
     const Vec3d p = swing.at(i / 100.0).translation;
     double a = std::atan2(p.y, p.x);
-    if (a < -1e-9) a += 2 * kPi;
-    EXPECT_LT(a, 1.4 * kPi);
+    if (a < -1e-9) a += 2 * std::numbers::pi;
+    EXPECT_LT(a, 1.4 * std::numbers::pi);
   }
 }
 
@@ -93,7 +91,7 @@ TEST(CameraOrbit, ASwingGoesUpAndDownAsFarAsTheCamerasWereHeld) {
 }
 
 TEST(CameraOrbit, NeverGoesThroughMatter) {
-  OrbitInput input = ring(36, 2 * kPi);
+  OrbitInput input = ring(36, 2 * std::numbers::pi);
   const Vec3d pillar = on_circle(1, 2.1, 1.1);
   std::vector<std::string> notes;
   const PoseCurve blind = make_orbit(input, notes);
@@ -114,13 +112,13 @@ TEST(CameraOrbit, NeverGoesThroughMatter) {
   }
   EXPECT_LT(nearest_blind, 0.2);
   EXPECT_GT(nearest, 0.35);
-  EXPECT_LT(farthest_move, 3 * 2 * 2 * kPi / 400) << "it gives way smoothly";
+  EXPECT_LT(farthest_move, 3 * 2 * 2 * std::numbers::pi / 400) << "it gives way smoothly";
   // Far from it nothing changes.
   EXPECT_LT(length(orbit.at(0.6).translation - blind.at(0.6).translation), 0.02);
 }
 
 TEST(CameraOrbit, AWallBeforeTheLensIsGoneRound) {
-  OrbitInput input = ring(36, 2 * kPi);
+  OrbitInput input = ring(36, 2 * std::numbers::pi);
   // A plate between the camera and the focus, from 0.2 to 0.6 before the cameras at azimuth 2.
   const Vec3d out = normalized(on_circle(2, 2, 1));
   input.density = [=](std::span<const Vec3d> points) {
@@ -147,7 +145,7 @@ TEST(CameraOrbit, AWallBeforeTheLensIsGoneRound) {
 }
 
 TEST(CameraOrbit, LooksOutwardWhereTheCamerasDo) {
-  OrbitInput input = ring(12, 2 * kPi);
+  OrbitInput input = ring(12, 2 * std::numbers::pi);
   input.outward = true;
   std::vector<std::string> notes;
   const PoseCurve orbit = make_orbit(input, notes);

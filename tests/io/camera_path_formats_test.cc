@@ -16,8 +16,6 @@ using test::error_of;
 using test::TempFolder;
 using test::write_text;
 
-constexpr double kPi = std::numbers::pi;
-
 // Twelve cameras of 64x48 on a ring of radius 4, photos/img0.jpg and on.
 ModelInfo ring() {
   ModelInfo info;
@@ -28,7 +26,7 @@ ModelInfo ring() {
     view.camera.width = 64;
     view.camera.height = 48;
     view.camera.params = {60, 31, 24, 0.01 * i};
-    const double a = 2 * kPi * i / 12;
+    const double a = 2 * std::numbers::pi * i / 12;
     const Vec3d at{4 * std::cos(a), 4 * std::sin(a), 1};
     view.pose = {look_rotation(-at, {0, 0, 1}), at};
     info.views.push_back(view);
@@ -142,7 +140,7 @@ TEST_F(PathFormats, InstantNgpsKeysStandWhereItsCubeSaysSo) {
   const CameraPath usual = read("{\"path\": [" + key(pose) + "]}", "base_cam.json");
   ASSERT_EQ(usual.frames.size(), 1u);
   expect_same(usual.frames[0].camera_to_world, pose, 1e-6);
-  EXPECT_NEAR(usual.frames[0].camera.fy(), 24 / std::tan(25 * kPi / 180), 1e-9);
+  EXPECT_NEAR(usual.frames[0].camera.fy(), 24 / std::tan(25 * std::numbers::pi / 180), 1e-9);
   EXPECT_EQ(usual.frames[0].camera.width, 64);
   EXPECT_TRUE(usual.notes.empty());
 

@@ -17,8 +17,6 @@ namespace {
 using test::Json;
 using test::SomeGltf;
 
-constexpr double kPi = std::numbers::pi;
-
 // Its engine axes are the input's, but for a unit and an origin of its own: glTF's y is z.
 ModelInfo capture() {
   ModelInfo info;
@@ -108,7 +106,7 @@ TEST_F(GltfPathTest, ACameraOnATurningStage) {
   EXPECT_EQ(path.begin, 0.5);
   EXPECT_EQ(path.fps, 10);
   for (size_t i = 0; i < 11; ++i) {
-    const double a = kPi / 2 * static_cast<double>(i) / 10;
+    const double a = std::numbers::pi / 2 * static_cast<double>(i) / 10;
     const Pose& pose = path.frames[i].camera_to_world;
     const Vec3d at = Vec3d{0, 1, 0} + Vec3d{std::sin(a), 0, std::cos(a)} * 2.0;
     EXPECT_LT(length(pose.translation - (info_.to_engine.center + from_gltf(at))), 1e-6) << i;

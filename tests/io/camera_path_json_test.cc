@@ -37,7 +37,7 @@ const std::string kExported = R"({
   "fps": 24, "seconds": 4, "smoothness_value": 0.5, "is_cycle": false, "crop": null
 })";
 
-std::string error_of(const std::string& json) {
+std::string error_of_path(const std::string& json) {
   return test::error_of([&] { parse_camera_path(json, "flight.json", "flight"); });
 }
 
@@ -151,8 +151,9 @@ TEST_F(CameraPathJson, WriteRefusesWhatTheFormatCannotHold) {
 }
 
 TEST_F(CameraPathJson, ErrorsNameFileAndPlace) {
-  EXPECT_EQ(error_of("{\n \"camera_path\": oops}").rfind("flight.json:2:17: not valid JSON", 0), 0u)
-      << error_of("{\n \"camera_path\": oops}");
+  EXPECT_EQ(
+      error_of_path("{\n \"camera_path\": oops}").rfind("flight.json:2:17: not valid JSON", 0), 0u)
+      << error_of_path("{\n \"camera_path\": oops}");
   const struct {
     const char *from, *to, *starts;
   } cases[] = {
@@ -180,25 +181,25 @@ TEST_F(CameraPathJson, ErrorsNameFileAndPlace) {
       {"\"fps\": 24", "\"fps\": 0", "flight.json: fps: 0 is outside"},
   };
   for (const auto& c : cases) {
-    const std::string error = error_of(with(c.from, c.to));
+    const std::string error = error_of_path(with(c.from, c.to));
     EXPECT_EQ(error.rfind(c.starts, 0), 0u) << c.to << " gave: " << error;
   }
-  EXPECT_EQ(error_of("[]"), "flight.json: expected an object");
-  EXPECT_NE(error_of(R"({"camera_path": []})").find("one frame or more"), std::string::npos);
-  EXPECT_NE(error_of(R"({"camera_path": 3})"), "");
-  EXPECT_NE(error_of(R"({"camera_path": [3], "render_width": 4, "render_height": 4})")
+  EXPECT_EQ(error_of_path("[]"), "flight.json: expected an object");
+  EXPECT_NE(error_of_path(R"({"camera_path": []})").find("one frame or more"), std::string::npos);
+  EXPECT_NE(error_of_path(R"({"camera_path": 3})"), "");
+  EXPECT_NE(error_of_path(R"({"camera_path": [3], "render_width": 4, "render_height": 4})")
                 .find("camera_path[0]: expected an object"),
             std::string::npos);
 }
 
 TEST_F(CameraPathJson, EveryPrefixAndByteFlipGivesAPathOrAnError) {
   for (size_t n = 0; n < kExported.size(); ++n)
-    EXPECT_NE(error_of(kExported.substr(0, n)), "") << n;
+    EXPECT_NE(error_of_path(kExported.substr(0, n)), "") << n;
   for (size_t i = 0; i < kExported.size(); ++i)
     for (const int flip : {1, 0x20, 0x80, 0xff}) {
       std::string json = kExported;
       json[i] = static_cast<char>(json[i] ^ flip);
-      error_of(json);  // any other exception fails the test
+      error_of_path(json);  // any other exception fails the test
     }
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "path_captures.h"
 
@@ -14,7 +15,6 @@ using test::engine_pose;
 using test::expect_level;
 using test::expect_sound;
 using test::forward_facing;
-using test::kPi;
 using test::ring;
 using test::skewed_frame;
 
@@ -39,15 +39,16 @@ TEST(CameraPath, OrbitIsALevelCircleAroundWhatIsLookedAt) {
         engine_pose(info, path.frames[(i + 1) % path.frames.size()]).translation - target;
     const double step =
         std::atan2(from.x * next.y - from.y * next.x, from.x * next.x + from.y * next.y);
-    EXPECT_NEAR(step, 2 * kPi / 24, 1e-4) << "the last step, back to the first frame, included";
+    EXPECT_NEAR(step, 2 * std::numbers::pi / 24, 1e-4)
+        << "the last step, back to the first frame, included";
     turned += step;
     EXPECT_EQ(path.frames[i].time, 0);
   }
-  EXPECT_NEAR(turned, 2 * kPi, 1e-9) << "once around";
+  EXPECT_NEAR(turned, 2 * std::numbers::pi, 1e-9) << "once around";
 }
 
 TEST(CameraPath, OrbitOfCamerasOnOneSideStaysAmongThem) {
-  const ModelInfo info = ring(10, kPi / 2);
+  const ModelInfo info = ring(10, std::numbers::pi / 2);
   const CameraPath path = make_camera_path(info, PathKind::kOrbit, {60, 30});
   expect_sound(path, 60);
   expect_level(info, path);
@@ -60,7 +61,7 @@ TEST(CameraPath, OrbitOfCamerasOnOneSideStaysAmongThem) {
     most = std::max(most, azimuth);
   }
   EXPECT_NEAR(least, 0, 0.02);
-  EXPECT_NEAR(most, kPi / 2 * 0.9, 0.02);
+  EXPECT_NEAR(most, std::numbers::pi / 2 * 0.9, 0.02);
   // It turns round gently: a frame before the end it hardly moves.
   const auto step = [&](size_t i) {
     return length(path.frames[i + 1].camera_to_world.translation -
@@ -103,7 +104,7 @@ TEST(CameraPath, SpherifiedIsALevelCircleOnTheCamerasSphere) {
   info.to_engine = skewed_frame();
   const Vec3d target{0.2, -0.1, 0.3};
   for (int i = 0; i < 12; ++i) {
-    const double a = 2 * kPi * i / 12, radius = i % 2 ? 1 : 3;
+    const double a = 2 * std::numbers::pi * i / 12, radius = i % 2 ? 1 : 3;
     const Vec3d position = target + Vec3d{radius * std::cos(a), radius * std::sin(a), 1};
     add(info, {look_rotation(target - position, {0.1, 0, 1}), position});
   }
@@ -117,8 +118,9 @@ TEST(CameraPath, SpherifiedIsALevelCircleOnTheCamerasSphere) {
     EXPECT_NEAR(std::hypot(from.x, from.y), std::sqrt(5), 1e-6);
     EXPECT_NEAR(from.z, 1, 1e-6);
     EXPECT_LT(length(pose.rotation.column(2) + normalized(from)), 1e-6) << "looks elsewhere";
-    EXPECT_NEAR(std::cos(std::atan2(from.y, from.x) - 2 * kPi * static_cast<double>(i) / 16), 1,
-                1e-9);
+    EXPECT_NEAR(
+        std::cos(std::atan2(from.y, from.x) - 2 * std::numbers::pi * static_cast<double>(i) / 16),
+        1, 1e-9);
   }
 }
 
@@ -127,7 +129,7 @@ TEST(CameraPath, EllipseFitsTheCameras) {
   info.to_engine = skewed_frame();
   const double slant = 0.6;
   for (int i = 0; i < 40; ++i) {  // axes 3 and 1.5, turned by `slant`
-    const double a = 2 * kPi * i / 40;
+    const double a = 2 * std::numbers::pi * i / 40;
     const double x = 3 * std::cos(a), y = 1.5 * std::sin(a);
     const Vec3d p{x * std::cos(slant) - y * std::sin(slant),
                   x * std::sin(slant) + y * std::cos(slant), 0.5};

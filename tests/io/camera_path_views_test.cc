@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "nerf/base/error.h"
 #include "nerf/io/camera_path.h"
@@ -19,7 +20,6 @@ using test::engine_pose;
 using test::error_of;
 using test::expect_level;
 using test::expect_sound;
-using test::kPi;
 using test::ring;
 
 TEST(CameraPath, InterpolationVisitsTrainingViewsInCaptureOrderAtConstantSpeed) {
@@ -133,7 +133,7 @@ TEST(CameraPath, PathCameraIsTheCommonOneWithoutDistortion) {
 // The orbit of panoramas with any headings turns round the middle of the scene and looks at it.
 TEST(CameraPath, PanoramasAreTakenForNoDirection) {
   for (const double heading : {0.0, 2.0}) {
-    ModelInfo info = ring(12, 2 * kPi, {0, 0, 0});
+    ModelInfo info = ring(12, 2 * std::numbers::pi, {0, 0, 0});
     for (ModelView& view : info.views) {
       view.camera = panorama(128, 64);
       Pose pose = info.to_engine.apply(view.pose);

@@ -27,11 +27,11 @@ using test::error_of;
 using test::layer_frame;
 using test::TempFolder;
 
-constexpr int kWidth = 70, kHeight = 9;  // more than a tile wide
+constexpr int kFrameWidth = 70, kFrameHeight = 9;  // more than a tile wide
 
 ExrHeader some_header() {
   ExrHeader header;
-  header.camera = test::pinhole(kWidth, kHeight, 80, 90);
+  header.camera = test::pinhole(kFrameWidth, kFrameHeight, 80, 90);
   header.camera.params[2] = 33;
   header.camera.params[3] = 5;
   header.camera_to_world.rotation.m = {{{0.8, 0, 0.6}, {0, 1, 0}, {-0.6, 0, 0.8}}};
@@ -41,7 +41,7 @@ ExrHeader some_header() {
 }
 
 LayerImage some_image() {
-  return layer_image(layer_frame(kWidth, kHeight), layer_names(), Pose(), 0);
+  return layer_image(layer_frame(kFrameWidth, kFrameHeight), layer_names(), Pose(), 0);
 }
 
 std::map<std::string, std::vector<float>> read_channels(const std::filesystem::path& path) {
@@ -50,10 +50,10 @@ std::map<std::string, std::vector<float>> read_channels(const std::filesystem::p
   std::map<std::string, std::vector<float>> channels;
   if (!in) return channels;
   const OIIO::ImageSpec& spec = in->spec();
-  EXPECT_EQ(spec.width, kWidth);
-  EXPECT_EQ(spec.height, kHeight);
+  EXPECT_EQ(spec.width, kFrameWidth);
+  EXPECT_EQ(spec.height, kFrameHeight);
   const size_t count = static_cast<size_t>(spec.nchannels);
-  std::vector<float> all(static_cast<size_t>(kWidth * kHeight) * count);
+  std::vector<float> all(static_cast<size_t>(kFrameWidth * kFrameHeight) * count);
   EXPECT_TRUE(in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()));
   for (size_t c = 0; c < count; ++c)
     for (size_t i = c; i < all.size(); i += count) channels[spec.channelnames[c]].push_back(all[i]);
@@ -73,7 +73,7 @@ TEST(Exr, EveryLayerIsReadBack) {
         for (size_t c = 0; c < layer.channels.size(); ++c) {
           SCOPED_TRACE(layer.channels[c]);
           const std::vector<float>& read = channels[layer.channels[c]];
-          ASSERT_EQ(read.size(), static_cast<size_t>(kWidth * kHeight));
+          ASSERT_EQ(read.size(), static_cast<size_t>(kFrameWidth * kFrameHeight));
           const bool exact = type == ExrType::kFloat || layer.kind == LayerKind::kLength ||
                              layer.kind == LayerKind::kCount;
           for (size_t i = 0; i < read.size(); ++i) {
@@ -104,12 +104,12 @@ TEST(Exr, TheHeaderHoldsTheCamera) {
   Imath::V3f ndc;
   Imf::worldToNDC(header).multVecMatrix(world, ndc);
   const Vec2d pixel = *project(given.camera, in_camera);
-  EXPECT_NEAR(ndc.x * kWidth, pixel.x, 1e-3);
-  EXPECT_NEAR(ndc.y * kHeight, pixel.y, 1e-3);
+  EXPECT_NEAR(ndc.x * kFrameWidth, pixel.x, 1e-3);
+  EXPECT_NEAR(ndc.y * kFrameHeight, pixel.y, 1e-3);
   // The window's middle, left and up of the axis at distance 1, and its width.
   EXPECT_NEAR(header.screenWindowCenter().x, (33 - 35) / 80.0, 1e-6);
   EXPECT_NEAR(header.screenWindowCenter().y, (5 - 4.5) / 90.0, 1e-6);
-  EXPECT_NEAR(header.screenWindowWidth(), kWidth / 80.0, 1e-6);
+  EXPECT_NEAR(header.screenWindowWidth(), kFrameWidth / 80.0, 1e-6);
   const auto text = [&](const char* name) {
     const auto* found = header.findTypedAttribute<Imf::StringAttribute>(name);
     return found ? found->value() : std::string("none");
@@ -137,7 +137,7 @@ TEST(Exr, ALensThatBendsHasNoMatrixOfProjection) {
   EXPECT_TRUE(Imf::hasWorldToCamera(header));
   EXPECT_FALSE(Imf::hasWorldToNDC(header));
   EXPECT_EQ(header.screenWindowWidth(), 1);
-  given.camera = panorama(kWidth, kHeight);
+  given.camera = panorama(kFrameWidth, kFrameHeight);
   header = header_of(given);
   EXPECT_TRUE(Imf::hasWorldToCamera(header));
   EXPECT_TRUE(Imf::hasEnvmap(header));
@@ -150,7 +150,7 @@ TEST(Exr, ALensThatBendsHasNoMatrixOfProjection) {
 // Flattened by OpenEXR and by oiiotool, the deep picture is the flat one.
 TEST(DeepExr, FlattenedIsTheFlatPicture) {
   const TempFolder folder;
-  const Frame frame = layer_frame(kWidth, kHeight);
+  const Frame frame = layer_frame(kFrameWidth, kFrameHeight);
   const ImageLayer flat = layer_image(frame, {}, Pose(), 0).layers[0];
   for (const ExrType type : {ExrType::kFloat, ExrType::kHalf}) {
     // Four samples of half floats, one over the other.
@@ -164,13 +164,13 @@ TEST(DeepExr, FlattenedIsTheFlatPicture) {
     std::vector<float> planes[4];
     Imf::FrameBuffer buffer;
     for (size_t k = 0; k < 4; ++k) {
-      planes[k].resize(kWidth * kHeight);
+      planes[k].resize(kFrameWidth * kFrameHeight);
       buffer.insert(
           std::string(1, "RGBA"[k]),
-          Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(planes[k].data()), 4, 4 * kWidth));
+          Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(planes[k].data()), 4, 4 * kFrameWidth));
     }
     composite.setFrameBuffer(buffer);
-    composite.readPixels(0, kHeight - 1);
+    composite.readPixels(0, kFrameHeight - 1);
 
     run_process_or_throw({"oiiotool", (folder / "deep.exr").string(), "--flatten", "-d", "float",
                           "-o", (folder / "flat.exr").string()},
@@ -187,7 +187,7 @@ TEST(DeepExr, FlattenedIsTheFlatPicture) {
 
 TEST(DeepExr, SamplesAreWhereTheirLightIsStopped) {
   const TempFolder folder;
-  const Frame frame = layer_frame(kWidth, kHeight);
+  const Frame frame = layer_frame(kFrameWidth, kFrameHeight);
   write_deep_exr(folder / "deep.exr", frame, 0, some_header(), {});
   const auto in = OIIO::ImageInput::open((folder / "deep.exr").string());
   ASSERT_TRUE(in);
@@ -195,7 +195,7 @@ TEST(DeepExr, SamplesAreWhereTheirLightIsStopped) {
   OIIO::DeepData data;
   ASSERT_TRUE(in->read_native_deep_image(0, 0, data));
   const auto channel = [&](const char* name) { return in->spec().channelindex(name); };
-  for (int64_t i = 0; i < kWidth * kHeight; ++i) {
+  for (int64_t i = 0; i < kFrameWidth * kFrameHeight; ++i) {
     const auto& samples = frame.layers.deep[static_cast<size_t>(i)];
     ASSERT_EQ(data.samples(i), static_cast<int>(samples.size()));
     for (int s = 0; s < data.samples(i); ++s) {
@@ -207,7 +207,7 @@ TEST(DeepExr, SamplesAreWhereTheirLightIsStopped) {
 
 TEST(Exr, WhatCannotBeWrittenLeavesNothing) {
   const TempFolder folder;
-  const Frame frame = layer_frame(kWidth, kHeight);
+  const Frame frame = layer_frame(kFrameWidth, kFrameHeight);
   test::write_text(folder / "file", "x");
   for (const auto& target : {std::filesystem::path("/dev/full"), folder / "file" / "a.exr",
                              folder.path(), folder / "none" / "a.exr"}) {

@@ -11,8 +11,7 @@
 
 namespace nerf::test {
 
-inline constexpr double kPi = std::numbers::pi;
-inline constexpr double kDegree = kPi / 180;
+inline constexpr double kDegree = std::numbers::pi / 180;
 
 inline std::vector<View> views_of(const std::vector<Pose>& poses) {
   std::vector<View> views;

@@ -13,14 +13,11 @@
 namespace nerf {
 namespace {
 
+using test::contains;
 using test::error_of;
 using test::layer_frame;
 using test::TempFolder;
 using Names = std::vector<std::string>;
-
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
 
 TEST(Srgb, IsItsOwnInverseAndHasTheStandardsValues) {
   EXPECT_NEAR(srgb_to_linear(0.5), 0.21404114048223255, 1e-15);

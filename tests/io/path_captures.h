@@ -12,8 +12,6 @@
 
 namespace nerf::test {
 
-inline constexpr double kPi = std::numbers::pi;
-
 inline Camera camera(int width = 64, int height = 48, double f = 60) {
   Camera c;
   c.model = CameraModel::kPinhole;
@@ -42,7 +40,8 @@ inline void add(ModelInfo& info, const Pose& engine_pose, bool held_out = false)
 }
 
 // Cameras around `target` (engine coordinates) on an arc, tilted a little sideways each.
-inline ModelInfo ring(int count, double arc = 2 * kPi, const Vec3d& target = {0.2, -0.1, 0.3}) {
+inline ModelInfo ring(int count, double arc = 2 * std::numbers::pi,
+                      const Vec3d& target = {0.2, -0.1, 0.3}) {
   ModelInfo info;
   info.to_engine = skewed_frame();
   info.near = 0.1;

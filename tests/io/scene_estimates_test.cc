@@ -1,6 +1,8 @@
 // Which way is up, and what cameras look at, from their poses.
 #include <gtest/gtest.h>
 
+#include <numbers>
+
 #include "frame_poses.h"
 #include "io/scene_frame.h"
 #include "support/temp_folder.h"
@@ -47,7 +49,8 @@ TEST(EstimateUp, APlanarRingCorrectsRoll) {
   // here the roll grows round the ring, which tilts the horizon estimate.
   std::vector<Pose> poses;
   for (int i = 0; i < 30; ++i) {
-    poses.push_back(rolled(ring_pose(i, 30), 8 * kDegree * std::cos(2 * kPi * i / 30)));
+    poses.push_back(
+        rolled(ring_pose(i, 30), 8 * kDegree * std::cos(2 * std::numbers::pi * i / 30)));
   }
   std::vector<std::string> warnings;
   EXPECT_LT(angle(estimate_up(views_of(poses), {}, warnings).up, {0, 0, 1}), 0.01 * kDegree);
@@ -55,7 +58,7 @@ TEST(EstimateUp, APlanarRingCorrectsRoll) {
 
 TEST(EstimateUp, PhotosOnTheirSideAreWarnedOf) {
   std::vector<Pose> poses = arc(24, 345, 0.2, 0.4);
-  for (Pose& p : poses) p = rolled(p, kPi / 2);
+  for (Pose& p : poses) p = rolled(p, std::numbers::pi / 2);
   std::vector<std::string> warnings;
   const Vec3d up = estimate_up(views_of(poses), {}, warnings).up;
   EXPECT_LT(std::min(angle(up, {0, 0, 1}), angle(up, {0, 0, -1})), 2 * kDegree);
@@ -103,7 +106,7 @@ TEST(EstimateFocus, NoneForParallelOrOutwardCameras) {
     Pose p = look_at({0, 0, 0}, {0, 10, 0});
     p.translation = {0.3 * i, 0, 0.1 * (i % 3)};
     parallel.push_back(p);
-    const double a = kPi / 6 * i;
+    const double a = std::numbers::pi / 6 * i;
     outward.push_back(look_at({0.5 * std::cos(a), 0.5 * std::sin(a), 0},
                               {5 * std::cos(a), 5 * std::sin(a), 0.3}));
   }

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <numbers>
+
 #include "frame_poses.h"
 #include "support/temp_folder.h"
 #include "test_scenes.h"
@@ -214,7 +216,7 @@ TEST(ChooseFrame, PanoramasLookNowhere) {
   for (const double turn : {0.0, 0.4, 2.0}) {
     std::vector<Pose> poses;
     for (int i = 0; i < 24; ++i) {
-      const double a = 2 * kPi * i / 24;
+      const double a = 2 * std::numbers::pi * i / 24;
       const Vec3d position{4 * std::cos(a) + 7, 4 * std::sin(a), 1};
       poses.push_back(look_at(position, position + Vec3d{std::cos(turn), std::sin(turn), 0}));
     }

@@ -21,7 +21,7 @@ constexpr double kTiny = std::numeric_limits<Real>::min();
 constexpr double kExpError = 2 * kRoundoff, kExpm1Error = 8 * kRoundoff;
 
 // Numbers over the whole range and at every place where a function changes its form.
-std::vector<Real> arguments() {
+std::vector<Real> kinks() {
   std::vector<Real> out = {0.0_r, -0.0_r, 1e-30_r, -1e-30_r, 1e-7_r, -1e-7_r};
   for (Real kink : {15.0_r, 30.0_r, 80.0_r, 88.0_r, 88.8_r, 104.0_r, 127.0_r, 178.0_r, 200.0_r,
                     1000.0_r, 1e30_r})
@@ -34,17 +34,10 @@ std::vector<Real> arguments() {
   return out;
 }
 
-Matrix row_of(const std::vector<Real>& values) {
-  Matrix m(1, static_cast<int64_t>(values.size()));
-  for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
-  return m;
-}
-
 TEST(Elementwise, TruncatedExp) {
   WorstError forward("forward"), backward("backward");
   for_each_target([&](const std::string&) {
-    std::vector<Real> values = arguments();
+    std::vector<Real> values = kinks();
     values.insert(values.end(), {-kInf, kInf});
     const Matrix x = row_of(values);
     Random random(24, 0, 0);
@@ -73,7 +66,7 @@ TEST(Elementwise, TruncatedExp) {
 TEST(Elementwise, Sigmoid) {
   WorstError forward("forward"), backward("backward");
   for_each_target([&](const std::string&) {
-    std::vector<Real> values = arguments();
+    std::vector<Real> values = kinks();
     values.insert(values.end(), {-kInf, kInf});
     const Matrix x = row_of(values);
     Random random(25, 0, 0);
@@ -103,7 +96,7 @@ TEST(Elementwise, SoftplusAndRelu) {
   WorstError forward("softplus"), backward("softplus_backward");
   constexpr double kLog1pError = 4 * kRoundoff;  // Highway states 2 units in the last place
   for_each_target([&](const std::string&) {
-    const Matrix x = row_of(arguments());
+    const Matrix x = row_of(kinks());
     Random random(28, 0, 0);
     const Matrix dy(1, x.n, random, -2, 2, Matrix::Padding::kZero);
     for (Real shift : {0.0_r, -1.0_r}) {

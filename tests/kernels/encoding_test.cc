@@ -19,16 +19,9 @@ constexpr double kSineError = 4 * kRoundoff;
 // An exponent up to 100 in size has an error of one roundoff of itself, Exp itself one unit.
 constexpr double kDampingError = (1 + 2 + 100) * kRoundoff;
 
-Matrix row_of(const std::vector<Real>& values) {
-  Matrix m(1, static_cast<int64_t>(values.size()));
-  for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
-  return m;
-}
-
 // Dense around zero and multiples of a quarter turn, where one of the two results is tiny, and over
 // all sizes up to far beyond what the reduction's constants reach.
-std::vector<Real> arguments() {
+std::vector<Real> quarter_turns() {
   std::vector<Real> out = {0.0_r,   -0.0_r,   1e-30_r,
                            1e-10_r, 0x1p20_r, std::nextafter(0x1p20_r, 1e9_r)};
   for (int quarter = -600; quarter <= 600; ++quarter) {
@@ -44,7 +37,7 @@ std::vector<Real> arguments() {
 TEST(SineCosine, EveryArgument) {
   WorstError worst("sine_cosine");
   for_each_target([&](const std::string&) {
-    const Matrix x = row_of(arguments());
+    const Matrix x = row_of(quarter_turns());
     for (Real frequency : {1.0_r, 0.25_r, 0x1p15_r}) {
       Matrix s(1, x.n), c(1, x.n);
       sine_cosine_forward(x.n, x.data.data(), nullptr, frequency, 1, s.data.data(), c.data.data());

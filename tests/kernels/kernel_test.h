@@ -115,4 +115,12 @@ struct Matrix {
   AlignedArray<Real> data;
 };
 
+// One row of these values, and finite ones in its padding.
+inline Matrix row_of(const std::vector<Real>& values) {
+  Matrix m(1, static_cast<int64_t>(values.size()));
+  for (int64_t i = 0; i < m.padded; ++i)
+    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
+  return m;
+}
+
 }  // namespace nerf

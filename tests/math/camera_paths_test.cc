@@ -8,8 +8,6 @@
 namespace nerf {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 Mat3d turn(const Vec3d& axis, double angle) {
   const Vec3d a = normalized(axis);
   const double s = std::sin(angle / 2);
@@ -23,12 +21,13 @@ void expect_near(const Vec3d& a, const Vec3d& b, double tolerance, const char* w
 
 TEST(CameraPaths, QuaternionsAreRotations) {
   // A turn about z by a right angle takes x to y.
-  expect_near(turn({0, 0, 1}, kPi / 2) * Vec3d{1, 0, 0}, {0, 1, 0}, 1e-15);
-  expect_near(turn({1, 0, 0}, kPi / 2) * Vec3d{0, 1, 0}, {0, 0, 1}, 1e-15);
+  expect_near(turn({0, 0, 1}, std::numbers::pi / 2) * Vec3d{1, 0, 0}, {0, 1, 0}, 1e-15);
+  expect_near(turn({1, 0, 0}, std::numbers::pi / 2) * Vec3d{0, 1, 0}, {0, 0, 1}, 1e-15);
   // There and back, half turns included (each of the four branches).
   for (const Vec3d axis : {Vec3d{1, 0, 0}, Vec3d{0, 1, 0}, Vec3d{0, 0, 1}, Vec3d{1, 2, 3},
                            Vec3d{-3, 1, 0.1}, Vec3d{0.1, -1, 3}})
-    for (const double angle : {0.0, 1e-9, 0.3, 2.0, kPi - 1e-9, kPi, 4.0}) {
+    for (const double angle :
+         {0.0, 1e-9, 0.3, 2.0, std::numbers::pi - 1e-9, std::numbers::pi, 4.0}) {
       const Mat3d r = turn(axis, angle);
       EXPECT_LT(orthonormality_error(r), 1e-14);
       EXPECT_LT(rotation_angle(r, to_rotation(to_quaternion(r))), 1e-7);
@@ -114,12 +113,12 @@ TEST(CameraPaths, Quantile) {
 }
 
 TEST(CameraPaths, CoveredArcTakesTheWidestGapOut) {
-  const double gap = 150 * kPi / 180;
+  const double gap = 150 * std::numbers::pi / 180;
   const Arc arc = covered_arc({-0.5, 6.5, 0.1}, gap);  // 6.5 is 0.217 after a whole turn
   EXPECT_FALSE(arc.full);
-  EXPECT_NEAR(std::cos(arc.middle), std::cos((-0.5 + 6.5 - 2 * kPi) / 2), 1e-12);
-  EXPECT_NEAR(std::sin(arc.middle), std::sin((-0.5 + 6.5 - 2 * kPi) / 2), 1e-12);
-  EXPECT_NEAR(arc.half_width, (6.5 - 2 * kPi + 0.5) / 2, 1e-12);
+  EXPECT_NEAR(std::cos(arc.middle), std::cos((-0.5 + 6.5 - 2 * std::numbers::pi) / 2), 1e-12);
+  EXPECT_NEAR(std::sin(arc.middle), std::sin((-0.5 + 6.5 - 2 * std::numbers::pi) / 2), 1e-12);
+  EXPECT_NEAR(arc.half_width, (6.5 - 2 * std::numbers::pi + 0.5) / 2, 1e-12);
   EXPECT_TRUE(covered_arc({0, 2, 4}, gap).full);
   EXPECT_NEAR(covered_arc({1}, gap).half_width, 0, 1e-12);
   EXPECT_NEAR(covered_arc({1}, gap).middle, 1, 1e-12);
@@ -129,7 +128,7 @@ TEST(CameraPaths, CoveredArcTakesTheWidestGapOut) {
 TEST(CameraPaths, ConstantSpeedSpacesEvenly) {
   // A circle run through unevenly, and an uneven line.
   const PoseCurve circle{[](double u) {
-                           const double angle = 2 * kPi * u * u;
+                           const double angle = 2 * std::numbers::pi * u * u;
                            return Pose{{}, {std::cos(angle), std::sin(angle), 0}};
                          },
                          0};
@@ -139,7 +138,7 @@ TEST(CameraPaths, ConstantSpeedSpacesEvenly) {
   for (size_t i = 0; i < closed.size(); ++i) {
     const double next = i + 1 < closed.size() ? closed[i + 1] : 1.0;
     EXPECT_NEAR(length(circle.at(next).translation - circle.at(closed[i]).translation),
-                2 * std::sin(kPi / 12), 1e-4)
+                2 * std::sin(std::numbers::pi / 12), 1e-4)
         << i;
   }
   const auto open = constant_speed_parameters(circle, 5, false);
@@ -210,7 +209,8 @@ TEST(PoseSpline, VelocityDoesNotJumpAtKeys) {
 
 TEST(PoseSpline, DegenerateKeys) {
   const Pose a{turn({0, 0, 1}, 0.3), {1, 2, 3}};
-  const Pose b{turn({0, 0, 1}, 0.3 + kPi), {1, 2, 3}};  // same place, opposite direction
+  const Pose b{turn({0, 0, 1}, 0.3 + std::numbers::pi),
+               {1, 2, 3}};  // same place, opposite direction
   const std::vector<Pose> same{a, a, a};
   const PoseSpline still(same, 1);
   EXPECT_EQ(still.distinct_keys(), 1);

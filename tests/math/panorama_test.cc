@@ -11,8 +11,6 @@
 namespace nerf {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 void expect_same(const Vec3d& a, const Vec3d& b, double tolerance = 1e-12) {
   EXPECT_LT(length(a - b), tolerance)
       << a.x << ' ' << a.y << ' ' << a.z << " is not " << b.x << ' ' << b.y << ' ' << b.z;
@@ -25,7 +23,7 @@ Vec3d from_opengl(const Vec3d& v) { return {v.x, -v.y, -v.z}; }
 // half of the angle).
 Vec3d nerfstudio_direction(const Vec2d& pixel, double w, double h, bool vr180) {
   const double u = (pixel.x - w / 2) / (w / 2), v = -(pixel.y - h / 2) / h;
-  const double theta = -kPi * (vr180 ? u / 2 : u), phi = kPi * (0.5 - v);
+  const double theta = -std::numbers::pi * (vr180 ? u / 2 : u), phi = std::numbers::pi * (0.5 - v);
   return from_opengl(
       {-std::sin(theta) * std::sin(phi), std::cos(phi), -std::cos(theta) * std::sin(phi)});
 }
@@ -55,7 +53,7 @@ TEST(Panorama, LooksWhereItsPixelsSay) {
 
 TEST(Panorama, AgreesWithNerfstudio) {
   for (const bool vr180 : {false, true}) {
-    const Camera c = panorama(300, 200, vr180 ? kPi : 2 * kPi);
+    const Camera c = panorama(300, 200, vr180 ? std::numbers::pi : 2 * std::numbers::pi);
     for (uint64_t i = 0; i < 200; ++i) {
       Random random(5, 0, i);
       const Vec2d pixel{300 * static_cast<double>(random.uniform()),
@@ -74,7 +72,9 @@ TEST(Panorama, PixelsCoverTheSphere) {
   const Camera c = panorama(128, 64);
   double area = 0;
   for (int y = 0; y < 64; ++y) area += 128 * relative_solid_angle(c, y + 0.5) / (c.fx() * c.fy());
-  EXPECT_NEAR(area, 4 * kPi, 4 * kPi * kPi * kPi / (24 * 64 * 64) * 1.1);  // the midpoint rule's
+  EXPECT_NEAR(area, 4 * std::numbers::pi,
+              4 * std::numbers::pi * std::numbers::pi * std::numbers::pi / (24 * 64 * 64) *
+                  1.1);  // the midpoint rule's
   EXPECT_EQ(relative_solid_angle(c, 32), 1);
   EXPECT_EQ(relative_solid_angle(Camera{CameraModel::kPinhole, 4, 4, {4, 4, 2, 2}}, 0), 1);
 }
@@ -83,7 +83,7 @@ TEST(Panorama, PixelsCoverTheSphere) {
 TEST(Panorama, ConesAreThoseOfTheirPixels) {
   const Camera c = panorama(2048, 1024);
   for (const Vec2d pixel : {Vec2d{1024, 512}, {2047.5, 300.5}, {0.5, 1023.5}, {700.5, 0.5}}) {
-    const double width = std::sin(kPi * pixel.y / 1024) / c.fx();
+    const double width = std::sin(std::numbers::pi * pixel.y / 1024) / c.fx();
     EXPECT_NEAR(pixel_cone_radius(c, pixel), (width + 1 / c.fy()) / std::sqrt(12.0), 1e-8)
         << pixel.x << ' ' << pixel.y;
   }
@@ -107,7 +107,7 @@ TEST(Panorama, EyesOfStereoStandAtRightAnglesToTheirRays) {
     c.params[4] = eye;
     for (double x = 0.5; x < 64; ++x) {
       const Vec2d pixel{x, 9.5};
-      const double theta = -kPi * (x - 32) / 32, right = eye > 0 ? 1 : -1;
+      const double theta = -std::numbers::pi * (x - 32) / 32, right = eye > 0 ? 1 : -1;
       const Vec3d circle = Vec3d{1, 0, 0} * (right * kHalf * std::cos(theta)) +
                            Vec3d{0, 0, -1} * (right * kHalf * std::sin(theta));
       const Pose ray = ray_pose(c, pose, pixel);

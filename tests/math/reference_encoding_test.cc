@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "math/complex_step.h"
+#include "math/template_error.h"
 #include "math/worst_error.h"
 #include "nerf/math/reference/activations.h"
 #include "nerf/math/reference/encoding.h"
@@ -17,10 +18,8 @@ namespace nerf {
 namespace {
 
 namespace ref = reference;
-
-// Both sides are exact up to a few roundings of double: no cancellation in a complex step.
-constexpr double kExact = 1e-11;
-double tolerance(double want) { return kExact * std::max(1.0, std::fabs(want)); }
+using test::kExact;
+using test::tolerance;
 
 // exp(y) = 1 + exp(x), and the slope of a sigmoid; each relative to itself, however small it is.
 TEST(ReferenceSoftplus, HasTheSlopeOfASigmoid) {

@@ -7,6 +7,7 @@
 
 #include "golden/golden.h"
 #include "math/complex_step.h"
+#include "math/template_error.h"
 #include "math/worst_error.h"
 #include "nerf/math/random.h"
 #include "nerf/math/reference/activations.h"
@@ -23,10 +24,8 @@ namespace nerf {
 namespace {
 
 namespace ref = reference;
-
-// Both sides are exact up to a few roundings of double: no cancellation in a complex step.
-constexpr double kExact = 1e-11;
-double tolerance(double want) { return kExact * std::max(1.0, std::fabs(want)); }
+using test::kExact;
+using test::tolerance;
 
 std::vector<double> draw(size_t n, double low, double high, uint64_t key) {
   Random random(91, key, 0);

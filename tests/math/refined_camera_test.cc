@@ -7,10 +7,13 @@
 #include <numbers>
 #include <vector>
 
+#include "support/cameras.h"
 #include "worst_error.h"
 
 namespace nerf {
 namespace {
+
+using test::some_pose;
 
 Camera make_camera(CameraModel model, std::initializer_list<double> params) {
   Camera camera{model, 640, 480, {}};
@@ -57,8 +60,6 @@ double& parameter(LensCorrection& c, int i) {
   double* const all[] = {&c.focal, &c.centre.x, &c.centre.y, &c.k1, &c.k2};
   return *all[i];
 }
-
-Pose some_pose() { return {rotation_by({0.4, -0.9, 0.3}), {0.3, -1.2, 0.5}}; }
 
 TEST(RefinedCamera, NoCorrectionChangesNothing) {
   const Pose pose = some_pose(), same = corrected(pose, {});

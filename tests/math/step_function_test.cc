@@ -37,7 +37,7 @@ std::vector<float> to_float(const Doubles& v) { return {v.begin(), v.end()}; }
 
 // In double the sums of a few hundred positive terms differ from exact ones by less than this
 // share.
-constexpr double kExact = 1e-12;
+constexpr double kExactSums = 1e-12;
 
 TEST(StepFunction, PointsMatchGolden) {
   WorstError in_double("points"), in_float("points_share");
@@ -47,7 +47,8 @@ TEST(StepFunction, PointsMatchGolden) {
     const Doubles x = r.take(m), w = r.take(m), u = r.take(k), want = r.take(k);
     Doubles scratch(2 * m), out(k);
     resample_points<double>(x, w, u, scratch, out);
-    for (size_t i = 0; i < k; ++i) in_double.compare(out[i], want[i], 6 * kExact, "m", m, "i", i);
+    for (size_t i = 0; i < k; ++i)
+      in_double.compare(out[i], want[i], 6 * kExactSums, "m", m, "i", i);
 
     // In float a sample may move as far as its share of the weights may be off: m additions.
     const auto xf = to_float(x), wf = to_float(w), uf = to_float(u);
@@ -86,7 +87,7 @@ TEST(StepFunction, BlurMatchesGolden) {
     std::vector<float> out_f = to_float(w);
     blur_weights<float>(out_f, static_cast<float>(padding), out_f);
     for (size_t i = 0; i < n; ++i) {
-      in_double.compare(out[i], want[i], kExact, "n", n, "i", i);
+      in_double.compare(out[i], want[i], kExactSums, "n", n, "i", i);
       in_float.compare(out_f[i], want[i], rounding_bound(2, kFloatRoundoff) * want[i], "n", n, "i",
                        i);
     }
@@ -108,7 +109,7 @@ TEST(StepFunction, SharesMatchGolden) {
     EXPECT_EQ(out[0], 0);
     EXPECT_EQ(out[n], 1);
     for (size_t i = 0; i <= n; ++i) {
-      in_double.compare(out[i], want[i], kExact, "n", n, "i", i);
+      in_double.compare(out[i], want[i], kExactSums, "n", n, "i", i);
       in_float.compare(out_f[i], want[i],
                        rounding_bound(2.0 * static_cast<double>(n) + 3, kFloatRoundoff), "n", n,
                        "i", i);
@@ -138,8 +139,8 @@ TEST(StepFunction, DilatedWeightsMatchGolden) {
     for (size_t i = 0; i < n; ++i)
       if (e[i + 1] > e[i]) largest = std::max(largest, w[i] / (e[i + 1] - e[i]));
     for (size_t i = 0; i < 3 * n; ++i) {
-      in_double.compare(edges[i], want_e[i], kExact, "edge", i);
-      in_double.compare(mass[i], want[i], 100 * kExact, "n", n, "weight", i);
+      in_double.compare(edges[i], want_e[i], kExactSums, "edge", i);
+      in_double.compare(mass[i], want[i], 100 * kExactSums, "n", n, "weight", i);
       in_float.compare(edges_f[i], want_e[i], 2 * kFloatRoundoff, "edge", i);
       sum += mass_f[i];
       EXPECT_TRUE(std::isfinite(mass_f[i]) && mass_f[i] >= 0);
@@ -157,10 +158,10 @@ TEST(StepFunction, AnnealingRaisesToAPower) {
   Doubles out(4);
   anneal_weights<double>(edges, w, 0.5, out);
   const double total = std::sqrt(0.5) + std::sqrt(0.2);  // the second bin has no width
-  EXPECT_NEAR(out[0], std::sqrt(0.5) / total, kExact);
+  EXPECT_NEAR(out[0], std::sqrt(0.5) / total, kExactSums);
   EXPECT_EQ(out[1], 0);
   EXPECT_EQ(out[2], 0);
-  EXPECT_NEAR(out[3], std::sqrt(0.2) / total, kExact);
+  EXPECT_NEAR(out[3], std::sqrt(0.2) / total, kExactSums);
   // Exponent 0: every bin with a width alike, whatever it weighs.
   anneal_weights<double>(edges, w, 0, out);
   EXPECT_EQ(out, (Doubles{1.0 / 3, 0, 1.0 / 3, 1.0 / 3}));
@@ -172,17 +173,17 @@ TEST(StepFunction, AnnealingRaisesToAPower) {
 TEST(StepFunction, AnnealingExponentIsSchlicksBias) {
   EXPECT_EQ(annealing_exponent(0.0), 0);
   EXPECT_EQ(annealing_exponent(1.0), 1);
-  EXPECT_NEAR(annealing_exponent(0.1), 10 * 0.1 / (9 * 0.1 + 1), kExact);
+  EXPECT_NEAR(annealing_exponent(0.1), 10 * 0.1 / (9 * 0.1 + 1), kExactSums);
 }
 
 TEST(StepFunction, PostsLieBetweenCentresAndMirrorAtTheEnds) {
   const Doubles centres{0.2, 0.3, 0.6};
   Doubles posts(4);
   posts_around<double>(centres, 0, 1, posts);
-  EXPECT_NEAR(posts[0], 0.15, kExact);
-  EXPECT_NEAR(posts[1], 0.25, kExact);
-  EXPECT_NEAR(posts[2], 0.45, kExact);
-  EXPECT_NEAR(posts[3], 0.75, kExact);
+  EXPECT_NEAR(posts[0], 0.15, kExactSums);
+  EXPECT_NEAR(posts[1], 0.25, kExactSums);
+  EXPECT_NEAR(posts[2], 0.45, kExactSums);
+  EXPECT_NEAR(posts[3], 0.75, kExactSums);
   posts_around<double>(Doubles{0.05, 0.4, 0.95}, 0, 1, posts);
   EXPECT_EQ(posts[0], 0);  // -0.125 and 1.225 lie outside
   EXPECT_EQ(posts[3], 1);

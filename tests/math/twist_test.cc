@@ -16,6 +16,8 @@
 namespace nerf {
 namespace {
 
+using test::some_pose;
+
 Twist some_twist(double angle) {
   return {normalized(Vec3d{0.3, -0.8, 0.5}) * angle, {0.7, -0.2, 1.1}};
 }
@@ -61,8 +63,6 @@ TEST(Twist, TimesAddUp) {
                   once.rotation.m[static_cast<size_t>(k)][static_cast<size_t>(c)], 1e-15);
   }
 }
-
-Pose some_pose() { return {rotation_by({0.4, -0.9, 0.3}), {0.3, -1.2, 0.5}}; }
 
 Camera moving_camera() {
   Camera camera = test::pinhole(40, 30, 33);

@@ -8,6 +8,7 @@
 
 #include "math/worst_error.h"
 #include "model/analytic_field.h"
+#include "model/exact_options.h"
 #include "model/homogeneous_field.h"
 #include "model/object_light.h"
 #include "nerf/math/srgb.h"
@@ -17,15 +18,9 @@
 namespace nerf {
 namespace {
 
-using internal::Environment;
+using test::exact_options;
 
-RenderOptions exact() {
-  RenderOptions options;
-  options.skip_nothing();
-  options.precision = Precision::kF32;
-  options.supersample = 1;
-  return options;
-}
+using internal::Environment;
 
 // A rectangle from corner a along u and v; its outside is where u, v and it make a right hand.
 void add_rectangle(const Vec3& a, const Vec3& u, const Vec3& v, int32_t material,
@@ -75,7 +70,7 @@ InsertionOptions without_shadows() {
 TEST(Insertion, AnOpaqueScreenInAMediumHasItsClosedForm) {
   const RadianceField field = test::homogeneous_field(Similarity());
   ThreadPool pool(2);
-  const RenderOptions options = exact();
+  const RenderOptions options = exact_options();
   for (const double x : {-2.0, -1.0, -0.4, 0.5, 2.0}) {
     SCOPED_TRACE(x);
     const Insertion screen_at(field, screen(static_cast<Real>(x), 1), without_shadows(), options,
@@ -95,7 +90,7 @@ TEST(Insertion, AnOpaqueScreenInAMediumHasItsClosedForm) {
 TEST(Insertion, LayersOfAlphaLetTheFieldThrough) {
   const RadianceField field = test::homogeneous_field(Similarity());
   ThreadPool pool(2);
-  RenderOptions options = exact();
+  RenderOptions options = exact_options();
   options.background = {1, 0, 0};
   SceneObject two = screen(-0.5_r, 0.25);
   two.materials.push_back(unlit({0.8, 0.1, 0.3}, 0.5));
@@ -281,7 +276,7 @@ TEST(Insertion, HasTheSameBitsForAnyThreads) {
 TEST(Insertion, LayersHoldTheObject) {
   const RadianceField field = test::homogeneous_field(Similarity());
   ThreadPool pool(2);
-  RenderOptions options = exact();
+  RenderOptions options = exact_options();
   options.background = {0, 1, 0};
   options.layers = Layers{.moments = true, .percentiles = true, .normal = true, .deep = true};
   const Insertion at(field, screen(-0.8_r, 1), without_shadows(), options, pool);
@@ -337,7 +332,7 @@ TEST(Insertion, CastsTheShadowOfADisc) {
     disc.material.push_back(0);
   }
   ThreadPool pool(2);
-  RenderOptions options = exact();
+  RenderOptions options = exact_options();
   InsertionOptions many;
   many.shadow_rays = 400;
   const Insertion above(field, disc, many, options, pool);
@@ -362,7 +357,7 @@ TEST(Insertion, CastsTheShadowOfADisc) {
 TEST(Insertion, AWhiteBallInEvenLightIsWhite) {
   const RadianceField field = test::homogeneous_field(Similarity(), true);
   ThreadPool pool(2);
-  const RenderOptions options = exact();  // white
+  const RenderOptions options = exact_options();  // white
   SceneObject object = box_around({-5, 0, 0}, 0.2_r);
   object.materials[0] = {};
   object.materials[0].metallic = 0;

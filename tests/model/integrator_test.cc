@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "math/worst_error.h"
+#include "model/exact_options.h"
 #include "model/homogeneous_field.h"
 #include "model/some_info.h"
 #include "nerf/model/field.h"
@@ -19,14 +20,9 @@
 namespace nerf {
 namespace {
 
-const Layers kAll{.moments = true, .percentiles = true, .samples = true, .normal = true};
+using test::exact_options;
 
-RenderOptions exact() {
-  RenderOptions options;
-  options.skip_nothing();
-  options.precision = Precision::kF32;
-  return options;
-}
+const Layers kAll{.moments = true, .percentiles = true, .samples = true, .normal = true};
 
 // Through the medium along x, which it fills from -1 to 1 with density 1.
 Ray through(double y, double z) {
@@ -49,7 +45,7 @@ TEST(Integrate, GivesAMediumsClosedForms) {
   rays[4].origin = {-3, -3, -3};
   rays[4].direction = normalized(Vec3d{1, 1, 1});
   ThreadPool pool(2);
-  const RayResults r = integrate(field, rays, kAll, exact(), pool);
+  const RayResults r = integrate(field, rays, kAll, exact_options(), pool);
   constexpr double kStep = 1.0 / 64;
   const double begin[] = {2, 2, 2, 2.5, across}, length[] = {2, 2, 1, 1.5, across};
   for (size_t i = 0; i < rays.size(); ++i) {
@@ -82,7 +78,7 @@ TEST(Integrate, GivesANetworksClosedForms) {
   const RadianceField field(test::some_info(), network);
   ThreadPool pool(1);
   const std::vector<Ray> rays{through(0, 0)};
-  const RayResults r = integrate(field, rays, kAll, exact(), pool);
+  const RayResults r = integrate(field, rays, kAll, exact_options(), pool);
   const double density = std::log1p(std::exp(1.0)), l = 4.5 * density, left = std::exp(-l);
   EXPECT_NEAR(r.opacity[0], 1 - left, 1e-4);
   const double mean = 1 - l * left / (1 - left);
@@ -162,7 +158,7 @@ TEST(Integrate, NormalsFaceWhereDensityFalls) {
   std::vector<Ray> rays;
   for (int i = 0; i < 20; ++i) rays.push_back(through(0.05 * i - 0.5, 0.1));
   ThreadPool pool(1);
-  const RayResults r = integrate(field, rays, kAll, exact(), pool);
+  const RayResults r = integrate(field, rays, kAll, exact_options(), pool);
   const auto query = field.field().query(nullptr);
   int seen = 0;
   for (size_t i = 0; i < rays.size(); ++i) {

@@ -22,7 +22,7 @@
 namespace nerf {
 namespace {
 
-const Layers kAll{
+const Layers kEveryLayer{
     .moments = true, .percentiles = true, .samples = true, .normal = true, .deep = true};
 
 RenderOptions all_layers(int supersample = 1) {
@@ -30,7 +30,7 @@ RenderOptions all_layers(int supersample = 1) {
   options.precision = Precision::kF32;
   options.supersample = supersample;
   options.background = {0.2_r, 0.4_r, 0.6_r};
-  options.layers = kAll;
+  options.layers = kEveryLayer;
   return options;
 }
 

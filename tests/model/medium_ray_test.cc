@@ -8,20 +8,15 @@
 #include <limits>
 
 #include "model/homogeneous_field.h"
+#include "model/some_fog.h"
 
 namespace nerf {
 namespace {
 
+using test::some_fog;
+
 using internal::EngineMedium;
 using internal::MediumRay;
-
-// Unlike in every channel.
-Medium fog() {
-  Medium m;
-  m.attenuation = m.backscatter = {0.3, 0.7, 1.1};
-  m.colour = {0.9_r, 0.6_r, 0.2_r};
-  return m;
-}
 
 TEST(Medium, TheMeanOverThinAndThickMatterIsExact) {
   for (const double a : {0.0, 1e-12, 1e-6, 0.01, 0.5, 3.0, 50.0, 1e4})
@@ -42,7 +37,7 @@ TEST(Medium, TheMeanOverThinAndThickMatterIsExact) {
 // In a frame whose axes, unit and origin differ from the input's.
 TEST(Medium, AmountsAreIntegralsOfTheDensity) {
   const Similarity to_engine = test::tilted();
-  Medium height = fog(), box = fog(), both = fog();
+  Medium height = some_fog(), box = some_fog(), both = some_fog();
   height.height = 2.5;
   height.falloff = both.falloff = 3;
   box.box = both.box = Box3{{0, -4, 0}, {7, 2, 5}};
@@ -53,7 +48,7 @@ TEST(Medium, AmountsAreIntegralsOfTheDensity) {
         if (p[k] < m.box->min[k] || p[k] > m.box->max[k]) return 0.0;
     return m.falloff ? std::exp(-(dot(up, p) - m.height) / *m.falloff) : 1.0;
   };
-  for (const Medium& m : {fog(), height, box, both})
+  for (const Medium& m : {some_fog(), height, box, both})
     for (const Vec3d& d :
          {Vec3d{1, 0.2, -0.3}, Vec3d{0.1, -1, 0.8}, Vec3d{0, 0, 1}, Vec3d{1, 0, 0}}) {
       Ray ray;
@@ -79,7 +74,7 @@ TEST(Medium, AmountsAreIntegralsOfTheDensity) {
 
 // Up for ever, down for ever and level, from anywhere: never NaN.
 TEST(Medium, HeightFogWithoutAnEndIsFinite) {
-  Medium m = fog();
+  Medium m = some_fog();
   m.falloff = 0.01;
   const EngineMedium engine(m, Similarity());
   for (const double z : {-1e6, -1.0, 0.0, 1e6})

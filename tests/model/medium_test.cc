@@ -11,8 +11,10 @@
 #include <vector>
 
 #include "model/analytic_field.h"
+#include "model/exact_options.h"
 #include "model/homogeneous_field.h"
 #include "model/medium_ray.h"
+#include "model/some_fog.h"
 #include "model/some_info.h"
 #include "nerf/base/error.h"
 #include "nerf/geometry/object.h"
@@ -26,23 +28,11 @@
 namespace nerf {
 namespace {
 
+using test::some_fog;
+
+using test::exact_options;
+
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-
-RenderOptions exact() {
-  RenderOptions options;
-  options.skip_nothing();
-  options.precision = Precision::kF32;
-  options.supersample = 1;
-  return options;
-}
-
-// Unlike in every channel.
-Medium fog() {
-  Medium m;
-  m.attenuation = m.backscatter = {0.3, 0.7, 1.1};
-  m.colour = {0.9_r, 0.6_r, 0.2_r};
-  return m;
-}
 
 // From x = -3 along x, through what is between -1 and 1.
 Ray along_x() {
@@ -84,8 +74,8 @@ TEST(Medium, HomogeneousFogAndMatterAreExactForAnyNumberOfSamples) {
   ThreadPool pool(2);
   Ray ray = along_x();
   ray.far = 6;
-  RenderOptions options = exact();
-  options.medium = fog();
+  RenderOptions options = exact_options();
+  options.medium = some_fog();
   for (const int samples : {0, 64, 7, 2}) {
     SCOPED_TRACE(samples);
     if (samples > 0) {  // of those that follow the cached density
@@ -116,7 +106,7 @@ TEST(Medium, HeightBoxAndHomogeneousMediaAgreeWithAFloat64Quadrature) {
   Ray ray = along_x();
   ray.direction = normalized(Vec3d{1, 0.1, 0.25});
   ray.far = 5;
-  Medium height = fog(), box = fog(), both = fog();
+  Medium height = some_fog(), box = some_fog(), both = some_fog();
   height.height = 0.2;
   height.falloff = both.falloff = 0.4;
   // From before the matter into it.
@@ -125,13 +115,13 @@ TEST(Medium, HeightBoxAndHomogeneousMediaAgreeWithAFloat64Quadrature) {
     const Vec3d p = ray.origin + ray.direction * t;
     return std::fabs(p.x) < 1 && std::fabs(p.y) < 1 && std::fabs(p.z) < 1 ? 1.0 : 0.0;
   };
-  for (const Medium& m : {fog(), height, box, both}) {
+  for (const Medium& m : {some_fog(), height, box, both}) {
     const auto density = [&](double t) {
       const Vec3d p = ray.origin + ray.direction * t;
       if (m.box && !(p.x > m.box->min.x && p.x < m.box->max.x)) return 0.0;
       return m.falloff ? std::exp(-(p.z - m.height) / *m.falloff) : 1.0;
     };
-    RenderOptions options = exact();
+    RenderOptions options = exact_options();
     options.medium = m;
     const RayResults r = integrate(field, std::vector{ray}, {}, options, pool);
     const Vec3d truth = quadrature(m, density, inside, ray.far, ray.background);
@@ -150,7 +140,7 @@ TEST(Medium, AWallInFogHasItsClosedForm) {
   Pose pose;
   pose.translation = {0, 0, -4};  // the wall's plane is at 0.6
   RenderOptions options;
-  options.medium = fog();
+  options.medium = some_fog();
   options.precision = Precision::kF32;
   const Frame f = render(field, test::pinhole(9, 9, 40), pose, options, pool);
   for (size_t p = 0; p < f.alpha.size(); ++p) {
@@ -172,8 +162,8 @@ TEST(Medium, AttenuationAndBackscatterMayDiffer) {
   ThreadPool pool(1);
   Ray ray = along_x();
   ray.far = 1.5;  // before the matter
-  RenderOptions options = exact();
-  options.medium = fog();
+  RenderOptions options = exact_options();
+  options.medium = some_fog();
   options.medium->backscatter = {0.1, 0.2, 2};
   const RayResults r = integrate(field, std::vector{ray}, {}, options, pool);
   for (int k = 0; k < 3; ++k) {
@@ -194,13 +184,13 @@ TEST(Medium, ANetworksFieldIsSeenThroughItToo) {
   ThreadPool pool(1);
   Ray ray = along_x();
   ray.far = 7;
-  RenderOptions options = exact();
-  options.medium = fog();
+  RenderOptions options = exact_options();
+  options.medium = some_fog();
   const RayResults r = integrate(field, std::vector{ray}, {.deep = true}, options, pool);
   const double density = std::log1p(std::exp(1.0));
   const Vec3d truth = quadrature(
-      fog(), [](double) { return 1.0; }, [&](double t) { return t > 0.5 && t < 5 ? density : 0.0; },
-      7, ray.background);
+      some_fog(), [](double) { return 1.0; },
+      [&](double t) { return t > 0.5 && t < 5 ? density : 0.0; }, 7, ray.background);
   for (size_t k = 0; k < 3; ++k) {
     EXPECT_NEAR(r.rgb[k], truth[static_cast<int>(k)], 2e-4);
     double deep = 0;
@@ -214,8 +204,8 @@ TEST(Medium, ANetworksFieldIsSeenThroughItToo) {
 TEST(Medium, DeepSamplesAddUpToThePixel) {
   const RadianceField field = test::homogeneous_field(Similarity());
   ThreadPool pool(1);
-  RenderOptions options = exact();
-  options.medium = fog();
+  RenderOptions options = exact_options();
+  options.medium = some_fog();
   const RayResults r = integrate(field, std::vector{along_x()}, {.deep = true}, options, pool);
   const double left = std::exp(-2.0);
   for (size_t k = 0; k < 3; ++k) {
@@ -232,7 +222,7 @@ TEST(Medium, OneThatIsEmptyChangesNoBit) {
   pose.translation = {3, -1, -10};
   RenderOptions without;
   RenderOptions with = without;
-  with.medium = fog();
+  with.medium = some_fog();
   with.medium->attenuation = with.medium->backscatter = {};
   with.medium->falloff = 2;
   with.medium->box = Box3{{-1, -1, -1}, {1, 1, 1}};
@@ -249,7 +239,7 @@ TEST(Medium, OneAndTwoThreadsGiveTheSameBits) {
   Pose pose;
   pose.translation = {3, -1, -10};
   RenderOptions options;
-  options.medium = fog();
+  options.medium = some_fog();
   options.medium->falloff = 2;
   options.medium->box = Box3{{-4, -4, -4}, {4, 4, 4}};
   const Frame a = render(field, test::pinhole(40, 40, 40), pose, options, one);
@@ -277,8 +267,8 @@ SceneObject screen(Real x, double alpha) {
 TEST(Medium, InsertedObjectsStandInIt) {
   const RadianceField field = test::homogeneous_field(Similarity());
   ThreadPool pool(2);
-  RenderOptions options = exact();
-  options.medium = fog();
+  RenderOptions options = exact_options();
+  options.medium = some_fog();
   Pose pose;
   pose.rotation.m = {{{0, 0, 1}, {-1, 0, 0}, {0, -1, 0}}};
   pose.translation = {-3, 0, 0};
@@ -290,23 +280,23 @@ TEST(Medium, InsertedObjectsStandInIt) {
     const Frame f =
         render(field, test::pinhole(9, 9, 200), pose, options, pool, {}, nullptr, &object);
     const auto everywhere = [](double) { return 1.0; };
-    const Vec3d behind =
-        quadrature(fog(), everywhere, [](double t) { return t < 0.6 ? 1.0 : 0.0; }, 60, Vec3());
+    const Vec3d behind = quadrature(
+        some_fog(), everywhere, [](double t) { return t < 0.6 ? 1.0 : 0.0; }, 60, Vec3());
     Vec3 back;
     const double own[3] = {0.2, 0.4, 0.9};
     for (int k = 0; k < 3; ++k)
       back[k] = static_cast<Real>(alpha * own[k] + (1 - alpha) * behind[k]);
     const Vec3d truth =
-        quadrature(fog(), everywhere, [](double t) { return t > 2 ? 1.0 : 0.0; }, 3.4, back);
+        quadrature(some_fog(), everywhere, [](double t) { return t > 2 ? 1.0 : 0.0; }, 3.4, back);
     for (int k = 0; k < 3; ++k)
       EXPECT_NEAR(f.rgb[3 * (f.alpha.size() / 2) + static_cast<size_t>(k)], truth[k], 5e-4);
   }
 }
 
 TEST(Medium, NumbersThatCannotBeAreErrors) {
-  EXPECT_NO_THROW(check_medium(fog(), "test"));
+  EXPECT_NO_THROW(check_medium(some_fog(), "test"));
   const auto refused = [](const std::function<void(Medium&)>& change) {
-    Medium m = fog();
+    Medium m = some_fog();
     change(m);
     EXPECT_THROW(check_medium(m, "test"), Error);
   };
@@ -322,7 +312,7 @@ TEST(Medium, NumbersThatCannotBeAreErrors) {
   const RadianceField field = test::homogeneous_field(Similarity());
   ThreadPool pool(1);
   RenderOptions options;
-  options.medium = fog();
+  options.medium = some_fog();
   options.medium->attenuation.x = -1;
   EXPECT_THROW(integrate(field, std::vector{along_x()}, {}, options, pool), Error);
 }

@@ -18,7 +18,7 @@ namespace nerf {
 namespace {
 
 // The script's numbers are those of float, also where this is compiled for double.
-constexpr int kSteps = 10, kRays = 5, kSamples = 7;
+constexpr int kNetworkSteps = 10, kNetworkRays = 5, kSamples = 7;
 constexpr Real kDistortion = 0.01f;
 
 NetworkOptions tiny_options(bool gaussians) {
@@ -44,7 +44,7 @@ struct TinyRun {
   explicit TinyRun(bool with_gaussians)
       : gaussians(with_gaussians),
         field(tiny_options(gaussians), 2, 6),
-        tape(field.options, field.networks[0], kRays * kSamples, kRays,
+        tape(field.options, field.networks[0], kNetworkRays * kSamples, kNetworkRays,
              NetworkTape::Purpose::kTrain,
              {.pixel = gaussians ? PixelLoss::charbonnier(0.001f) : PixelLoss(),
               .on_weights = gaussians}),
@@ -61,7 +61,7 @@ struct TinyRun {
       for (int j = 0; j < w.out; ++j)
         field.weights[at(w, w.in * w.out + j)] = (2 * biases[static_cast<size_t>(j)] - 1) / 4;
     }
-    for (int r = 0; r <= kRays; ++r) ray_begin.push_back(r * kSamples);
+    for (int r = 0; r <= kNetworkRays; ++r) ray_begin.push_back(r * kSamples);
   }
 
   // Element i of a layer, row by row without padding; then its biases.
@@ -83,13 +83,13 @@ struct TinyRun {
     if (gaussians) put(tape.variance, stream + 11, 0.25_r, 0);
     put(tape.directions, stream + 12, 2, -1);
     const int64_t lr = chunk.stride(tape.directions);
-    for (int r = 0; r < kRays; ++r) {
+    for (int r = 0; r < kNetworkRays; ++r) {
       Real* d = chunk.data(tape.directions) + r;
       double square = 0;
       for (int k = 0; k < 3; ++k) square += std::pow(static_cast<double>(d[k * lr]), 2);
       for (int k = 0; k < 3; ++k)
         d[k * lr] = static_cast<float>(static_cast<double>(d[k * lr]) / std::sqrt(square));
-      chunk.data(tape.pixel_loss.scale)[r] = static_cast<float>(1.0 / (3 * kRays));
+      chunk.data(tape.pixel_loss.scale)[r] = static_cast<float>(1.0 / (3 * kNetworkRays));
     }
     put(tape.delta, stream + 13, 0.25_r, 0.0625_r);
     put(tape.background, stream + 14, 1, 0);
@@ -98,9 +98,9 @@ struct TinyRun {
 
   double distortion(uint32_t stream) {
     constexpr size_t kEdges = kSamples + 1;
-    const auto steps = golden_draw(stream + 16, kRays * kEdges);
+    const auto steps = golden_draw(stream + 16, kNetworkRays * kEdges);
     double loss = 0;
-    for (size_t r = 0; r < kRays; ++r) {
+    for (size_t r = 0; r < kNetworkRays; ++r) {
       std::vector<Real> edges;
       Real sum = 0;
       for (size_t i = 0; i < kEdges; ++i)
@@ -108,7 +108,7 @@ struct TinyRun {
       Real* out = chunk.data(tape.weight_gradient) + r * kSamples;
       std::fill_n(out, kSamples, 0.0_r);
       loss += distortion_loss(edges, {chunk.data(tape.weights) + r * kSamples, kSamples},
-                              kDistortion / kRays, {out, kSamples});
+                              kDistortion / kNetworkRays, {out, kSamples});
     }
     return loss;
   }
@@ -119,8 +119,8 @@ struct TinyRun {
     std::fill(gradient.begin(), gradient.end(), 0.0_r);
     chunk.weights = field.weights.data();
     chunk.weight_gradient = gradient.data();
-    chunk.samples = kRays * kSamples;
-    chunk.rays = kRays;
+    chunk.samples = kNetworkRays * kSamples;
+    chunk.rays = kNetworkRays;
     chunk.ray_begin = ray_begin.data();
     chunk.loss = 0;
     fill_inputs(stream);
@@ -148,12 +148,12 @@ TEST(NetworkTraining, TenStepsMatchTheGoldenRun) {
     SCOPED_TRACE(name);
     const auto losses = golden_lines("network_training.txt", name + "-loss");
     const auto layers = golden_lines("network_training.txt", name + "-layer");
-    ASSERT_EQ(losses.size(), static_cast<size_t>(kSteps));
+    ASSERT_EQ(losses.size(), static_cast<size_t>(kNetworkSteps));
     WorstError loss(name + "_loss"), network(name);
     for_each_target([&](const std::string&) {
       TinyRun run(gaussians);
       ASSERT_EQ(layers.size(), run.layers.size());
-      for (int s = 0; s < kSteps; ++s) {
+      for (int s = 0; s < kNetworkSteps; ++s) {
         const auto& want = losses[static_cast<size_t>(s)];
         loss.compare(run.step(s), want[0], golden_tolerance(want[0], want[1]), "step", s);
       }

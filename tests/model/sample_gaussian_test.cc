@@ -15,19 +15,19 @@ namespace {
 
 using internal::place_gaussian;
 
-double uniform(Random& random, double low, double high) {
+double number_in(Random& random, double low, double high) {
   return low + (high - low) * static_cast<double>(random.uniform());
 }
 
 // Of a ray whose direction is not of unit length, as in normalised device coordinates.
 NetworkRay some_ray(Random& random, double length_of_direction) {
   NetworkRay ray;
-  for (int k = 0; k < 3; ++k) ray.origin[k] = static_cast<Real>(uniform(random, -1, 1));
-  Vec3d d{uniform(random, -1, 1), uniform(random, -1, 1), uniform(random, -1, 1)};
+  for (int k = 0; k < 3; ++k) ray.origin[k] = static_cast<Real>(number_in(random, -1, 1));
+  Vec3d d{number_in(random, -1, 1), number_in(random, -1, 1), number_in(random, -1, 1)};
   d = normalized(d) * length_of_direction;
   ray.direction = d.cast<Real>();
   ray.length = static_cast<Real>(length_of_direction);
-  ray.radius = static_cast<Real>(uniform(random, 0.01, 0.1));
+  ray.radius = static_cast<Real>(number_in(random, 0.01, 0.1));
   return ray;
 }
 
@@ -83,9 +83,9 @@ std::vector<Projected> placed(const NetworkOptions& o, const NetworkRay& ray, do
 std::vector<Vec3> some_axes(Random& random) {
   std::vector<Vec3> axes{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   for (int i = 0; i < 5; ++i)
-    axes.push_back(
-        normalized(Vec3d{uniform(random, -1, 1), uniform(random, -1, 1), uniform(random, -1, 1)})
-            .cast<Real>());
+    axes.push_back(normalized(Vec3d{number_in(random, -1, 1), number_in(random, -1, 1),
+                                    number_in(random, -1, 1)})
+                       .cast<Real>());
   return axes;
 }
 
@@ -97,7 +97,7 @@ TEST(SampleGaussian, IsTheProjectedCovariance) {
     const auto axes = some_axes(random);
     for (const NetworkOptions& o : {cone, cylinder, test::mipnerf360_options()}) {
       const NetworkRay ray = some_ray(random, o.space == Space::kNdc ? 1.7 : 1.0);
-      const double t0 = uniform(random, 0.1, 4), t1 = t0 + uniform(random, 0.05, 2);
+      const double t0 = number_in(random, 0.1, 4), t1 = t0 + number_in(random, 0.05, 2);
       const auto got = placed(o, ray, t0, t1, axes);
       for (size_t k = 0; k < axes.size(); ++k) {
         const auto want = by_matrices(o, ray, t0, t1, axes[k].cast<double>());
@@ -128,7 +128,7 @@ TEST(SampleGaussian, ContractionByDrawing) {
     std::vector<double> sum(axes.size()), square(axes.size());
     const auto normal = [&] {
       const double a = 1 - static_cast<double>(random.uniform());
-      return std::sqrt(-2 * std::log(a)) * std::cos(uniform(random, 0, 6.283185307179586));
+      return std::sqrt(-2 * std::log(a)) * std::cos(number_in(random, 0, 6.283185307179586));
     };
     for (int n = 0; n < kDraws; ++n) {
       const Vec3d x =

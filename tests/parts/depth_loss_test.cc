@@ -8,15 +8,14 @@
 #include "nerf/math/random.h"
 #include "nerf/math/reference/histogram_losses.h"
 #include "nerf/parts/losses.h"
+#include "parts/exact_sums.h"
 
 namespace nerf {
 namespace {
 
-using Doubles = std::vector<double>;
-
-Doubles doubles(const std::vector<Real>& v) { return {v.begin(), v.end()}; }
-
-constexpr double kSum = 1e-12;  // sums in double of inputs that are floats
+using test::Doubles;
+using test::doubles;
+using test::kSum;
 
 TEST(DepthLoss, MatchesTheTemplateAndItsGradient) {
   WorstError loss("depth"), gradient("depth_gradient");

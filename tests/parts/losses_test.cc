@@ -10,19 +10,18 @@
 #include "math/worst_error.h"
 #include "nerf/math/random.h"
 #include "nerf/math/reference/histogram_losses.h"
+#include "parts/exact_sums.h"
 
 namespace nerf {
 namespace {
 
-using Doubles = std::vector<double>;
+using test::Doubles;
+using test::doubles;
+using test::kSum;
 
 std::vector<Real> floats(const Doubles& v, size_t from, size_t n) {
   return {v.begin() + static_cast<ptrdiff_t>(from), v.begin() + static_cast<ptrdiff_t>(from + n)};
 }
-Doubles doubles(const std::vector<Real>& v) { return {v.begin(), v.end()}; }
-
-// Sums in double of inputs that are floats: only the scale's product is rounded to float.
-constexpr double kSum = 1e-12;
 
 TEST(HistogramLosses, DistortionMatchesGoldenAndItsGradientTheTemplate) {
   WorstError loss("distortion"), gradient("distortion_gradient");

@@ -16,9 +16,7 @@
 namespace nerf {
 namespace {
 
-using enum Domain;
 using on_columns::point_outputs, on_columns::warped;
-using Values = std::vector<Value>;
 
 constexpr double kOpen = 1.5;
 

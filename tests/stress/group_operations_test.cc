@@ -16,9 +16,6 @@
 namespace nerf::stress {
 namespace {
 
-using enum Domain;
-using Values = std::vector<Value>;
-
 const std::vector<Rays> kLayouts = {{0}, {0, 0}, {0, 1}, {0, 17, 17, 37}, {0, 64}};
 // Where a gradient by complex step takes long.
 const std::vector<Rays> kFewSamples = {{0}, {0, 0}, {0, 1}, {0, 5, 5, 18}};

@@ -32,13 +32,6 @@ inline std::vector<Real> all_magnitudes(uint32_t step, bool negative) {
   return out;
 }
 
-inline Matrix row_of(const std::vector<Real>& values) {
-  Matrix m(1, static_cast<int64_t>(values.size()));
-  for (int64_t i = 0; i < m.padded; ++i)
-    m.at(0, i) = i < m.n ? values[static_cast<size_t>(i)] : 0.5_r;
-  return m;
-}
-
 // On every target, with denormals as they are and flushed. Comparisons are made outside.
 template <class Kernels, class Compare>
 void for_each_mode(const Kernels& kernels, const Compare& compare) {

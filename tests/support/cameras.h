@@ -1,7 +1,8 @@
-// For tests: cameras without distortion.
+// For tests: cameras without distortion, and a pose.
 #pragma once
 
 #include "nerf/math/camera.h"
+#include "nerf/math/refined_camera.h"
 
 namespace nerf::test {
 
@@ -14,5 +15,8 @@ inline Camera pinhole(int width, int height, double focal, double focal_y = 0) {
   camera.params = {focal, focal_y > 0 ? focal_y : focal, 0.5 * width, 0.5 * height};
   return camera;
 }
+
+// Turned by about a radian about none of the axes.
+inline Pose some_pose() { return {rotation_by({0.4, -0.9, 0.3}), {0.3, -1.2, 0.5}}; }
 
 }  // namespace nerf::test

@@ -16,7 +16,7 @@ namespace {
 
 using test::sphere_capture;
 
-TrainOptions options_of(const std::string& method, int64_t steps) {
+TrainOptions nerfw_options(const std::string& method, int64_t steps) {
   TrainOptions o = test::tiny_method_options(method, steps);
   if (method == "nerfw") {
     o.network.image_code = 8;
@@ -28,7 +28,7 @@ TrainOptions options_of(const std::string& method, int64_t steps) {
 Evaluation fitted_evaluation(const std::string& method, const test::SyntheticCapture& c,
                              int64_t steps) {
   ThreadPool pool(2);
-  Trainer trainer(c.scene, c.photos, options_of(method, steps), pool);
+  Trainer trainer(c.scene, c.photos, nerfw_options(method, steps), pool);
   trainer.run({});
   EvaluationOptions options;
   options.fit_light = FitLight::kOn;
@@ -80,7 +80,7 @@ TEST(Nerfw, LeavesOutWhatOnePhotoAloneShows) {
 TEST(Nerfw, OpensNoStep) {
   const auto c = sphere_capture(6, 24);
   ThreadPool pool(1);
-  Trainer trainer(c.scene, c.photos, options_of("nerfw", 4), pool);
+  Trainer trainer(c.scene, c.photos, nerfw_options("nerfw", 4), pool);
   EXPECT_TRUE(test::contains(test::error_of([&] { trainer.begin_step(); }), "no loss but its own"));
   trainer.step();  // nothing is left open
 }
@@ -89,7 +89,7 @@ TEST(Nerfw, OpensNoStep) {
 TEST(Nerfw, IsReadFromItsFile) {
   const auto c = sphere_capture(6, 24);
   ThreadPool pool(1);
-  Trainer trainer(c.scene, c.photos, options_of("nerfw", 4), pool);
+  Trainer trainer(c.scene, c.photos, nerfw_options("nerfw", 4), pool);
   for (int i = 0; i < 4; ++i) trainer.step();
   const test::TempFolder folder;
   const RadianceField field = trainer.snapshot();
@@ -116,7 +116,7 @@ TEST(Nerfw, SamplesEachPhotoWhereItsPointsLie) {
     c.scene.observations.push_back({first, i});
   }
   c.scene.observations.push_back({second, 0});
-  TrainOptions o = options_of("nerfw", 4);
+  TrainOptions o = nerfw_options("nerfw", 4);
   const auto ranges = ranges_of_views(c.scene, o);
   const double scale = c.scene.to_engine.scale;
   EXPECT_NEAR(ranges[static_cast<size_t>(first)].near, 2.002 * scale, 1e-6);

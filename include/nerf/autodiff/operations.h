@@ -54,6 +54,8 @@ Value frequency_encoding(Tape& tape, Value x, std::span<const Real> weights, boo
 // (math/window.h); their number may not.
 using FrequencyWeights = std::shared_ptr<const std::vector<Real>>;
 Value frequency_encoding(Tape& tape, Value x, const FrequencyWeights& weights, bool identity);
+// Each of so many frequencies in full: a window that is open.
+FrequencyWeights open_window(int degrees);
 
 // [d x n], [d x n] -> [2 d degrees x n]: the expected sines of 2^k x, then the expected cosines, of
 // a Gaussian with this mean and variance along each axis (Barron et al. 2021, equation 14).
