@@ -169,8 +169,13 @@ InsertedObject insert_object(const InsertOptions& options, const RadianceField& 
   if (!inserted.motion && (options.object_start != 0 || !options.object_loop))
     inserted.notes.push_back(
         "--object-start and --no-object-loop change nothing: the object does not move");
-  inserted.to_engine =
-      field.info().to_engine * object_to_input(options, field, read.object, render, pool);
+  const Similarity to_input = object_to_input(options, field, read.object, render, pool);
+  if (!options.place.empty()) {
+    const Vec3d at = to_input.apply(Vec3d());
+    inserted.notes.push_back(
+        fmt::format("--place {} is --at {:.6g},{:.6g},{:.6g}", options.place, at.x, at.y, at.z));
+  }
+  inserted.to_engine = field.info().to_engine * to_input;
   place_mesh(inserted.to_engine, read.object.mesh);
   InsertionOptions insertion;
   insertion.field_light = options.field_light;

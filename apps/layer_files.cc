@@ -53,15 +53,16 @@ fs::path file_of(const fs::path& folder, const PlannedFrame& planned, const char
 
 }  // namespace
 
-void LayerOptions::check_options() const {
+void LayerOptions::check_options(bool inserted) const {
   parse_formats(aov_format);
-  if (!aov.empty()) parse_layers(aov, "--aov");
+  if (!aov.empty()) parse_layers(aov, "--aov", inserted);
 }
 
-LayerFiles::LayerFiles(const LayerOptions& options, double stops, const ModelInfo& info)
+LayerFiles::LayerFiles(const LayerOptions& options, bool inserted, double stops,
+                       const ModelInfo& info)
     : options_(options), stops_(stops), per_unit_(lengths_per_unit(info)) {
   if (!options.aov.empty()) {
-    names_ = parse_layers(options.aov, "--aov");
+    names_ = parse_layers(options.aov, "--aov", inserted);
     const auto formats = parse_formats(options.aov_format);
     const auto has = [&](const char* f) { return std::ranges::find(formats, f) != formats.end(); };
     exr_ = has("exr");

@@ -29,7 +29,8 @@ struct LayerOptions {
     v("aov", aov,
       "layers in DIR/exr, an OpenEXR file for each view, with its colour (linear, times opacity, "
       "before any background): all, or names with commas: depth (z, distance, mean, p05, p95), "
-      "opacity, normal, normal_camera, transmittance, samples, variance",
+      "opacity, normal, normal_camera, transmittance, samples, variance; with --insert object, "
+      "field and shadow",
       metavar("all|LIST"), brief("layers in DIR/exr as OpenEXR: all, or depth,normal,..."));
     v("aov_format", aov_format,
       "how --aov is written, with commas: exr, png16 (DIR/png16/LAYER) and npy (DIR/npy/LAYER), "
@@ -40,15 +41,16 @@ struct LayerOptions {
     v("exr_type", exr_type, "colour, opacity and normals in OpenEXR; lengths are always float");
     v("exr_tiles", exr_tiles, "OpenEXR in tiles of 64 x 64 pixels, not lines");
   }
-  // Throws Error for a layer or a format that is not known.
-  void check_options() const;
+  // Throws Error for a layer or a format that is not known, and for a layer of inserted objects
+  // where none is.
+  void check_options(bool inserted) const;
 };
 
 // Writes layers of one run's frames.
 class LayerFiles {
  public:
   // Throws Error where check_options() does. stops: of RenderCommand::exposure.
-  LayerFiles(const LayerOptions& options, double stops, const ModelInfo& info);
+  LayerFiles(const LayerOptions& options, bool inserted, double stops, const ModelInfo& info);
 
   // Whether anything is wanted, and what pictures must be drawn with.
   bool wanted() const { return wanted_; }

@@ -78,7 +78,8 @@ int render_main(int argc, char** argv) {
   for (const std::string& note : plan.notes) log_warning(note);
   give_appearance(command.appearance, field, plan);
   if (!command.mp4.empty()) check_video(command.mp4);
-  const LayerFiles layers(command.layers, command.exposure, field.info());
+  const LayerFiles layers(command.layers, !command.object.insert.empty(), command.exposure,
+                          field.info());
 
   RenderOptions options;
   options.background = command.background.value_or(field.info().background);

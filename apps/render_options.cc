@@ -43,7 +43,7 @@ std::string time_span_text(const TimeSpan& span) {
 }
 
 void RenderCommand::check_options() const {
-  layers.check_options();
+  layers.check_options(!object.insert.empty());
   object.check_options();
   if (!medium.empty()) parse_medium(medium, {});  // before a model is read
   if (time && freeze_time)

@@ -24,9 +24,12 @@ struct Known {
 const std::vector<Known>& known_layers() {
   static const std::vector<Known> known = [] {
     const Layers none{}, moments{.moments = true}, percentiles{.percentiles = true},
-        samples{.samples = true}, normal{.normal = true};
+        samples{.samples = true}, normal{.normal = true}, apart{.apart = true};
     const auto xyz = [](const std::string& name) {
       return std::vector<std::string>{name + ".X", name + ".Y", name + ".Z"};
+    };
+    const auto rgba = [](const std::string& name) {
+      return std::vector<std::string>{name + ".R", name + ".G", name + ".B", name + ".A"};
     };
     return std::vector<Known>{
         {"depth.z", LayerKind::kLength, {"depth.Z"}, none},
@@ -39,7 +42,10 @@ const std::vector<Known>& known_layers() {
         {"normal_camera", LayerKind::kDirection, xyz("normal_camera"), normal},
         {"transmittance", LayerKind::kShare, {"transmittance.Y"}, none},
         {"samples", LayerKind::kCount, {"samples.Y"}, samples},
-        {"variance", LayerKind::kLength, {"variance.Y"}, moments}};
+        {"variance", LayerKind::kLength, {"variance.Y"}, moments},
+        {"object", LayerKind::kColour, rgba("object"), apart},
+        {"field", LayerKind::kColour, rgba("field"), apart},
+        {"shadow", LayerKind::kShare, {"shadow.R", "shadow.G", "shadow.B"}, apart}};
   }();
   return known;
 }
@@ -69,7 +75,44 @@ std::vector<Real> colour_values(const Frame& frame, double factor) {
   return out;
 }
 
-std::vector<Real> values_of(const std::string& name, const Frame& frame, const Pose& pose) {
+// The field without objects, in linear light.
+std::vector<Real> field_values(const Frame& frame, double factor) {
+  std::vector<Real> out = frame.layers.field;
+  for (size_t i = 0; i < out.size(); i += 4)
+    for (size_t k = 0; k < 3; ++k)
+      out[i + k] = static_cast<Real>(decoded(out[i + k], out[i + 3], factor));
+  return out;
+}
+
+// What the field is multiplied by. Where no object stands it is what makes the picture of the
+// field, whatever rounding and the mean over a pixel's rays do.
+std::vector<Real> shadow_values(const Frame& frame) {
+  constexpr Real kDark = 1e-5_r;
+  std::vector<Real> out = frame.layers.shadow;
+  const std::vector<Real> all = colour_values(frame, 1), field = field_values(frame, 1);
+  for (size_t i = 0; i < frame.alpha.size(); ++i)
+    for (size_t k = 0; k < 3; ++k)
+      if (frame.layers.cover[i] == 0 && field[4 * i + k] > kDark)
+        out[3 * i + k] = all[4 * i + k] / field[4 * i + k];
+  return out;
+}
+
+// What is added to the field times its shadow times what the object lets through: over it, the
+// object gives the picture. Blending sums sRGB, so that no light of the object's own does.
+std::vector<Real> object_values(const Frame& frame, double factor) {
+  std::vector<Real> out = colour_values(frame, factor);
+  const std::vector<Real> field = field_values(frame, factor), shadow = shadow_values(frame);
+  for (size_t i = 0; i < frame.alpha.size(); ++i) {
+    const Real cover = frame.layers.cover[i];
+    for (size_t k = 0; k < 3; ++k)
+      out[4 * i + k] -= (1 - cover) * field[4 * i + k] * shadow[3 * i + k];
+    out[4 * i + 3] = cover;
+  }
+  return out;
+}
+
+std::vector<Real> values_of(const std::string& name, const Frame& frame, const Pose& pose,
+                            double factor) {
   const PictureLayers& layers = frame.layers;
   if (name == "depth.z") return frame.depth_z;
   if (name == "depth.distance") return layers.distance;
@@ -81,6 +124,9 @@ std::vector<Real> values_of(const std::string& name, const Frame& frame, const P
   if (name == "normal_camera") return camera_normals(layers.normal, pose.rotation);
   if (name == "samples") return layers.samples;
   if (name == "variance") return layers.variance;
+  if (name == "object") return object_values(frame, factor);
+  if (name == "field") return field_values(frame, factor);
+  if (name == "shadow") return shadow_values(frame);
   NERF_CHECK(name == "transmittance");
   std::vector<Real> out(frame.alpha.size());
   std::ranges::transform(frame.alpha, out.begin(), [](Real a) { return 1 - a; });
@@ -102,7 +148,8 @@ const std::vector<std::string>& layer_names() {
   return names;
 }
 
-std::vector<std::string> parse_layers(const std::string& list, const std::string& where) {
+std::vector<std::string> parse_layers(const std::string& list, const std::string& where,
+                                      bool inserted) {
   std::vector<bool> wanted(layer_names().size());
   size_t begin = 0;
   while (begin <= list.size()) {
@@ -114,7 +161,11 @@ std::vector<std::string> parse_layers(const std::string& list, const std::string
     for (size_t i = 0; i < wanted.size(); ++i)
       if (const std::string& name = layer_names()[i];
           word == "all" || word == name || name.starts_with(word + ".")) {
-        wanted[i] = true;
+        const bool apart = known_layers()[i].needs.apart;
+        if (apart && !inserted && word != "all")
+          throw Error("the layer '" + name + "' is of pictures with an object in them", where,
+                      "add --insert FILE.glb");
+        wanted[i] = wanted[i] || !apart || inserted;
         found = true;
       }
     if (!found) {
@@ -138,6 +189,7 @@ Layers layers_for(std::span<const std::string> names) {
     all.percentiles |= own.percentiles;
     all.samples |= own.samples;
     all.normal |= own.normal;
+    all.apart |= own.apart;
   }
   return all;
 }
@@ -158,12 +210,13 @@ LayerImage layer_image(const Frame& frame, std::span<const std::string> names,
                        const Pose& camera_to_world, double stops) {
   NERF_CHECK(!frame.layers.empty());
   LayerImage image{frame.width, frame.height, {}};
+  const double factor = std::exp2(stops);
   image.layers.push_back(
-      {"rgba", LayerKind::kColour, {"R", "G", "B", "A"}, colour_values(frame, std::exp2(stops))});
+      {"rgba", LayerKind::kColour, {"R", "G", "B", "A"}, colour_values(frame, factor)});
   for (const std::string& name : names) {
     const Known& known = known_layer(name);
     image.layers.push_back(
-        {name, known.kind, known.channels, values_of(name, frame, camera_to_world)});
+        {name, known.kind, known.channels, values_of(name, frame, camera_to_world, factor)});
     NERF_CHECK_EQ(image.layers.back().values.size(), frame.alpha.size() * known.channels.size());
   }
   return image;

@@ -44,6 +44,17 @@ struct Sight {
   // light is stopped.
   Vec3 behind{};
   double opacity = 0, half = 0;
+  Vec3d normal;                   // there
+  double cover = 0;               // share of the light that the surfaces take
+  std::vector<DeepSample> stops;  // of the light, back to front; engine distances
+  // Of everything behind only so much light is seen.
+  void dim(double left) {
+    cover *= left;
+    for (DeepSample& s : stops) {
+      s.weight *= static_cast<Real>(left);
+      for (Real& c : s.rgb) c *= static_cast<Real>(left);
+    }
+  }
 };
 
 // Environment reflected by a surface: scale and offset of its colour at normal incidence (Karis
@@ -266,8 +277,8 @@ struct Insertion::Impl {
 
   // From the last surface of each ray to the first; the field between them is integrated for all
   // rays at once.
-  void composite(std::vector<Sight>& sights, const RenderOptions& render, ThreadPool& pool,
-                 const Cancel* cancel) const {
+  void composite(std::vector<Sight>& sights, const Layers& asked, const RenderOptions& render,
+                 ThreadPool& pool, const Cancel* cancel) const {
     size_t most = 0;
     for (const Sight& sight : sights) most = std::max(most, sight.met.size());
     for (size_t round = 0; round < most; ++round) {
@@ -290,13 +301,19 @@ struct Insertion::Impl {
         }
       }
       const RayResults seen =
-          rays.empty() ? RayResults() : integrate(field, rays, {}, render, pool, {}, cancel);
+          rays.empty() ? RayResults() : integrate(field, rays, asked, render, pool, {}, cancel);
       for (size_t r = 0; r < rays.size(); ++r) {
         Sight& sight = *of[r];
         for (int k = 0; k < 3; ++k) sight.behind[k] = seen.rgb[3 * r + static_cast<size_t>(k)];
         const double through = 1 - static_cast<double>(seen.opacity[r]);
         sight.opacity = 1 - through * (1 - sight.opacity);
-        if (seen.median[r] > 0) sight.half = static_cast<double>(seen.median[r]);
+        sight.dim(through);
+        if (asked.deep)
+          sight.stops.insert(sight.stops.end(), seen.deep[r].rbegin(), seen.deep[r].rend());
+        if (seen.median[r] > 0) {
+          sight.half = static_cast<double>(seen.median[r]);
+          if (asked.normal) sight.normal = seen.normal[r].cast<double>();
+        }
       }
       for (Sight& sight : sights) {
         if (sight.met.size() <= round) continue;
@@ -304,7 +321,17 @@ struct Insertion::Impl {
         const Real alpha = static_cast<Real>(met.alpha);
         sight.behind = to_picture(met.light) * alpha + sight.behind * (1 - alpha);
         sight.opacity = met.alpha + (1 - met.alpha) * sight.opacity;
-        if (met.alpha >= 0.5) sight.half = met.t;
+        sight.dim(1 - met.alpha);
+        sight.cover += met.alpha;
+        if (asked.deep && alpha > 0) {
+          const Vec3 own = to_picture(met.light) * alpha;
+          const Real at = static_cast<Real>(met.t);
+          sight.stops.push_back({at, at, alpha, {own.x, own.y, own.z}});
+        }
+        if (met.alpha >= 0.5) {
+          sight.half = met.t;
+          sight.normal = met.normal;
+        }
       }
     }
   }
@@ -334,20 +361,27 @@ ObjectPixels Insertion::look(const Camera& camera, const Pose& camera_to_engine,
   RenderOptions render = options;
   render.layers.reset();
   impl_->reflect(sights, render, pool, cancel);
-  impl_->composite(sights, render, pool, cancel);
+  const Layers layers = options.layers.value_or(Layers{});
+  const Layers asked{.normal = layers.normal,
+                     .deep = layers.moments || layers.percentiles || layers.deep};
+  impl_->composite(sights, asked, render, pool, cancel);
   const size_t n = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
   pixels.far.assign(n, kInfinity);
   pixels.background.resize(n);
   pixels.opacity.resize(n);
+  pixels.cover.resize(n);
   pixels.half.assign(n, kInfinity);
   pixels.normal.resize(n);
-  for (const Sight& sight : sights) {
+  if (asked.deep) pixels.stops.resize(n);
+  for (Sight& sight : sights) {
     const size_t p = sight.pixel;
     pixels.far[p] = sight.met.front().t;
     pixels.background[p] = sight.behind;
     pixels.opacity[p] = static_cast<Real>(sight.opacity);
+    pixels.cover[p] = static_cast<Real>(sight.cover);
     pixels.half[p] = sight.half;
-    pixels.normal[p] = sight.met.front().normal.cast<Real>();
+    pixels.normal[p] = sight.normal.cast<Real>();
+    if (asked.deep) pixels.stops[p].assign(sight.stops.rbegin(), sight.stops.rend());
   }
   return pixels;
 }

@@ -46,6 +46,17 @@ class Pixel {
     return sum;
   }
 
+  void append_means(const std::vector<Real>& values, size_t per_pixel,
+                    std::vector<Real>& out) const {
+    if (values.empty()) return;
+    const Real share = 1.0_r / static_cast<Real>(of_.size());
+    for (size_t k = 0; k < per_pixel; ++k) {
+      Real sum = 0;
+      for (const size_t i : of_) sum += values[per_pixel * i + k];
+      out.push_back(sum * share);
+    }
+  }
+
   // Of the light that all rays stop.
   void moments(Real& mean, Real& variance) const {
     double light = 0, first = 0, second = 0;
@@ -116,6 +127,9 @@ void append_reduced_layers(const Frame& from, int n, PictureLayers& out) {
         for (int k = 0; k < 3; ++k) out.normal.push_back(normal[k]);
       }
       if (!layers.deep.empty()) out.deep.push_back(pixel.deep());
+      pixel.append_means(layers.field, 4, out.field);
+      pixel.append_means(layers.cover, 1, out.cover);
+      pixel.append_means(layers.shadow, 3, out.shadow);
     }
 }
 

@@ -6,6 +6,7 @@
 
 #include "nerf/math/ray.h"
 #include "nerf/math/vec.h"
+#include "nerf/model/layers.h"
 
 namespace nerf::internal {
 
@@ -15,8 +16,12 @@ struct ObjectPixels {
   std::vector<double> far;       // distance of the first surface, engine units; infinite: none
   std::vector<Vec3> background;  // sRGB: what a ray that gets so far sees
   std::vector<Real> opacity;     // of the first surface and what is behind it
+  std::vector<Real> cover;       // share of the light that gets so far that surfaces take
   std::vector<double> half;      // distance at which, from `far` on, half of the light is stopped
-  std::vector<Vec3> normal;      // of the first surface, towards the camera, engine coordinates
+  std::vector<Vec3> normal;      // there, towards the camera, engine coordinates
+  // Where the light that gets to `far` is stopped, front to back, engine distances along the ray;
+  // empty where no layer asks for it.
+  std::vector<std::vector<DeepSample>> stops;
 
   bool empty() const { return far.empty(); }
   bool seen(size_t pixel) const { return !far.empty() && far[pixel] < 1e300; }

@@ -219,6 +219,8 @@ void cast_shadows(const ShadowCaster& caster, const ObjectPixels& pixels, const 
       if (!shadowed) continue;
       const Vec3d light = sum / count;
       const Vec3& behind = pixels.seen(p) ? pixels.background[p] : caster.background;
+      for (int k = 0; k < 3 && !frame.layers.shadow.empty(); ++k)
+        frame.layers.shadow[3 * p + static_cast<size_t>(k)] = static_cast<Real>(light[k]);
       const Real through = 1 - frame.alpha[p];
       const Vec3d haze = haze_before(caster, surface, camera, camera_to_engine, x, y);
       darken(light, behind, through, haze, frame.rgb.data() + 3 * p);
@@ -234,7 +236,8 @@ void count_in(const ObjectPixels& pixels, size_t p, double depth, double distanc
   if (half) frame.depth_z[p] = static_cast<Real>(pixels.half[p] * depth);
   PictureLayers& layers = frame.layers;
   if (layers.empty()) return;
-  const double at = pixels.far[p] * distance;
+  if (!layers.cover.empty())
+    layers.cover[p] = static_cast<Real>((1 - before) * static_cast<double>(pixels.cover[p]));
   if (half) {
     layers.distance[p] = static_cast<Real>(pixels.half[p] * distance);
     if (!layers.normal.empty()) {
@@ -243,27 +246,34 @@ void count_in(const ObjectPixels& pixels, size_t p, double depth, double distanc
         layers.normal[3 * p + static_cast<size_t>(k)] = static_cast<Real>(n[k]);
     }
   }
-  if (!layers.mean.empty() && before + weight > 0) {
-    const double own = static_cast<double>(layers.mean[p]);
-    const double variance = static_cast<double>(layers.variance[p]);
-    const double mean = (before * own + weight * at) / (before + weight);
-    layers.mean[p] = static_cast<Real>(mean);
-    layers.variance[p] = static_cast<Real>(
-        (before * (variance + (own - mean) * (own - mean)) + weight * (at - mean) * (at - mean)) /
-        (before + weight));
+  if (pixels.stops.empty()) return;
+  double stopped = before, first = 0, second = 0;  // and moments of the distances
+  if (!layers.mean.empty()) {
+    const double mean = static_cast<double>(layers.mean[p]);
+    first = before * mean;
+    second = before * (static_cast<double>(layers.variance[p]) + mean * mean);
   }
-  if (!layers.near.empty() && before < 0.05 && before + weight >= 0.05)
-    layers.near[p] = static_cast<Real>(at);
-  if (!layers.far.empty() && before < 0.95 && before + weight >= 0.95)
-    layers.far[p] = static_cast<Real>(at);
-  if (!layers.deep.empty() && weight > 0) {
-    DeepSample sample;
-    sample.front = sample.back = static_cast<Real>(pixels.far[p] * depth);
-    sample.weight = static_cast<Real>(weight);
-    for (int k = 0; k < 3; ++k)
-      sample.rgb[k] = static_cast<Real>(1 - before) * pixels.background[p][k];
+  for (const DeepSample& stop : pixels.stops[p]) {
+    const double share = (1 - before) * static_cast<double>(stop.weight);
+    const double at = 0.5 * static_cast<double>(stop.front + stop.back) * distance;
+    const auto passes = [&](double bound) { return stopped < bound && stopped + share >= bound; };
+    if (!layers.near.empty() && passes(0.05)) layers.near[p] = static_cast<Real>(at);
+    if (!layers.far.empty() && passes(0.95)) layers.far[p] = static_cast<Real>(at);
+    stopped += share;
+    first += share * at;
+    second += share * at * at;
+    if (layers.deep.empty() || !(share > 0)) continue;
+    DeepSample sample = stop;
+    sample.front = static_cast<Real>(static_cast<double>(stop.front) * depth);
+    sample.back = static_cast<Real>(static_cast<double>(stop.back) * depth);
+    sample.weight = static_cast<Real>(share);
+    for (Real& c : sample.rgb) c *= static_cast<Real>(1 - before);
     layers.deep[p].push_back(sample);
   }
+  if (layers.mean.empty() || !(stopped > 0)) return;
+  const double mean = first / stopped;
+  layers.mean[p] = static_cast<Real>(mean);
+  layers.variance[p] = static_cast<Real>(std::max(0.0, second / stopped - mean * mean));
 }
 
 }  // namespace nerf::internal

@@ -19,6 +19,11 @@ void PictureLayers::resize(size_t n, const Layers& layers) {
   if (layers.samples) samples.resize(n);
   if (layers.normal) normal.resize(3 * n);
   if (layers.deep) deep.resize(n);
+  if (layers.apart) {
+    field.resize(4 * n);
+    cover.resize(n);
+    shadow.assign(3 * n, 1);
+  }
 }
 
 void join_deep_samples(std::vector<DeepSample>& samples) {

@@ -133,6 +133,21 @@ RenderOptions for_layers(const RenderOptions& options) {
   return drawn;
 }
 
+// The field without inserted objects.
+RenderOptions alone(const RenderOptions& options) {
+  RenderOptions drawn = options;
+  drawn.layers = Layers{};
+  return drawn;
+}
+
+void interleave(const std::vector<Real>& rgb, const std::vector<Real>& alpha,
+                std::vector<Real>& rgba) {
+  for (size_t i = 0; i < alpha.size(); ++i) {
+    for (size_t k = 0; k < 3; ++k) rgba[4 * i + k] = rgb[3 * i + k];
+    rgba[4 * i + 3] = alpha[i];
+  }
+}
+
 void lay_over(const Vec3& background, Frame& frame) {
   frame.layers.rgb = frame.rgb;
   for (size_t i = 0; i < frame.alpha.size(); ++i)
@@ -164,27 +179,45 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   if (radiance.is_grid() && !options.unclipped)
     moment = internal::occupancy_at(radiance.grid(), options.precision, options.time,
                                     int64_t{n} * n * camera.width * camera.height, pool, cancel);
-  const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
-    const Camera part = given.in_unit(info.to_engine.scale);
-    const Pose to_engine = info.to_engine.apply(camera_to_world);
-    internal::ObjectPixels objects;
-    if (insertion) objects = insertion->look(part, to_engine, drawn, pool, cancel);
-    Frame picture =
-        radiance.is_grid()
-            ? GridPicture(radiance.grid(), moment ? *moment : radiance.grid().occupancy, info, part,
-                          camera_to_world, drawn, objects, medium, pool, at, cancel)
-                  .render(n)
-            : internal::render_network(radiance, part, camera_to_world, drawn, objects, pool, at,
-                                       cancel);
-    if (insertion) insertion->finish(objects, part, to_engine, drawn, pool, picture);
-    return picture;
+  const auto draw = [&](const Insertion* inserted, const RenderOptions& chosen,
+                        const std::function<void(double)>& progress) {
+    const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
+      const Camera part = given.in_unit(info.to_engine.scale);
+      const Pose to_engine = info.to_engine.apply(camera_to_world);
+      internal::ObjectPixels objects;
+      if (inserted) objects = inserted->look(part, to_engine, chosen, pool, cancel);
+      Frame picture =
+          radiance.is_grid()
+              ? GridPicture(radiance.grid(), moment ? *moment : radiance.grid().occupancy, info,
+                            part, camera_to_world, chosen, objects, medium, pool, at, cancel)
+                    .render(n)
+              : internal::render_network(radiance, part, camera_to_world, chosen, objects, pool, at,
+                                         cancel);
+      if (inserted) inserted->finish(objects, part, to_engine, chosen, pool, picture);
+      return picture;
+    };
+    return n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
+                 : render_part(camera, progress);
   };
-  Frame frame = n > 1 ? internal::render_supersampled(n, camera, progress, render_part)
-                      : render_part(camera, progress);
+  const bool twice = insertion && options.layers && options.layers->apart;
+  const auto half = [&](double from) -> std::function<void(double)> {
+    if (!progress || !twice) return progress;
+    return [&progress, from](double share) { progress(from + 0.5 * share); };
+  };
+  Frame frame = draw(insertion, drawn, half(0));
   if (options.layers) {
+    const auto change = [&](const std::vector<Real>& alpha, std::vector<Real>& rgb) {
+      internal::change_colours(options.appearance, alpha, [](size_t) { return Vec3{}; }, rgb);
+    };
     lay_over(radiance.shows_background() ? options.background : Vec3{}, frame);
-    internal::change_colours(
-        options.appearance, frame.alpha, [](size_t) { return Vec3{}; }, frame.layers.rgb);
+    change(frame.alpha, frame.layers.rgb);
+    if (twice) {
+      Frame field = draw(nullptr, alone(drawn), half(0.5));
+      change(field.alpha, field.rgb);
+      interleave(field.rgb, field.alpha, frame.layers.field);
+    } else if (options.layers->apart) {
+      interleave(frame.layers.rgb, frame.alpha, frame.layers.field);
+    }
   }
   internal::change_colours(
       options.appearance, frame.alpha, [&](size_t) { return options.background; }, frame.rgb);

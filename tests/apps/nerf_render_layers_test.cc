@@ -9,6 +9,7 @@
 
 #include "nerf/io/depth_legend.h"
 #include "nerf/io/image.h"
+#include "nerf/io/mesh_file.h"
 #include "nerf/math/camera_paths.h"
 #include "nerf/math/srgb.h"
 #include "nerf/model/grid_field.h"
@@ -144,6 +145,32 @@ TEST_F(NerfRenderLayers, OpenExrHoldsThePictureAndItsLayers) {
     EXPECT_NEAR(length, in_camera, 1e-5);
   }
   EXPECT_GT(seen, 20);
+}
+
+TEST_F(NerfRenderLayers, TheObjectOverItsFieldIsThePicture) {
+  TriangleMesh mesh;
+  mesh.positions = {{-0.5_r, -0.5_r, 0}, {0.5_r, -0.5_r, 0}, {0.5_r, 0.5_r, 0}, {0, 0, 0.7_r}};
+  mesh.triangles = {{0, 1, 2}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+  const std::string object = (folder_.path() / "wedge.glb").string();
+  write_glb(object, mesh, Similarity(), Similarity());
+  rendered({"--insert", object, "--at", "0,0,0", "--aov", "object,field,shadow", "--no-depth"});
+  const Picture exr = read("exr/left/img0.exr");
+  ASSERT_EQ(exr.spec.nchannels, 4 + 4 + 4 + 3);
+  int covered = 0, clear = 0;
+  for (size_t i = 0; i < kWidth * kHeight; ++i) {
+    const float cover = exr.at(i, "object.A");
+    covered += cover > 0.1f;
+    clear += cover == 0;
+    for (const char* k : {"R", "G", "B"})
+      EXPECT_NEAR(exr.at(i, std::string("object.") + k) + (1 - cover) *
+                                                              exr.at(i, std::string("field.") + k) *
+                                                              exr.at(i, std::string("shadow.") + k),
+                  exr.at(i, k), 1e-5)
+          << i;
+  }
+  EXPECT_GT(covered, 10);
+  EXPECT_GT(clear, 10);
+  refused({"--aov", "depth,shadow"}, {"--aov", "'shadow'", "--insert"});
 }
 
 TEST_F(NerfRenderLayers, FormatsHoldTheSameNumbers) {

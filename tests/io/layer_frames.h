@@ -16,8 +16,12 @@ inline Frame layer_frame(int width, int height) {
   f.rgb.resize(3 * n);
   f.alpha.resize(n);
   f.depth_z.resize(n);
-  f.layers.resize(
-      n, {.moments = true, .percentiles = true, .samples = true, .normal = true, .deep = true});
+  f.layers.resize(n, {.moments = true,
+                      .percentiles = true,
+                      .samples = true,
+                      .normal = true,
+                      .deep = true,
+                      .apart = true});
   for (size_t i = 0; i < n; ++i) {
     const size_t stretches = i % 5;
     double left = 1;
@@ -34,6 +38,12 @@ inline Frame layer_frame(int width, int height) {
       }
       f.layers.deep[i].push_back(d);
     }
+    for (size_t k = 0; k < 3; ++k) {
+      f.layers.field[4 * i + k] = 0.1_r * static_cast<Real>((i + k) % 9);
+      f.layers.shadow[3 * i + k] = 1 - 0.1_r * static_cast<Real>((i + 2 * k) % 4);
+    }
+    f.layers.field[4 * i + 3] = 0.9_r;
+    f.layers.cover[i] = 0.3_r * static_cast<Real>(i % 3);
     if (stretches == 0) continue;
     f.alpha[i] = static_cast<Real>(1 - left);
     f.depth_z[i] = static_cast<Real>(2.5 + 0.01 * static_cast<double>(i));

@@ -27,7 +27,11 @@ TEST(Srgb, IsItsOwnInverseAndHasTheStandardsValues) {
 }
 
 TEST(LayerNames, AreFoundInAnyOrderAndCaseAndSuggested) {
-  EXPECT_EQ(parse_layers("all", "--aov"), layer_names());
+  EXPECT_EQ(parse_layers("all", "--aov", /*inserted=*/true), layer_names());
+  EXPECT_EQ(parse_layers("all", "--aov"), Names(layer_names().begin(), layer_names().end() - 3));
+  EXPECT_EQ(parse_layers("shadow,object", "--aov", true), (Names{"object", "shadow"}));
+  EXPECT_TRUE(contains(error_of([] { parse_layers("depth,field", "--aov"); }),
+                       "the layer 'field' is of pictures with an object in them"));
   EXPECT_EQ(parse_layers("normal, Depth.Z,normal", "--aov"), (Names{"depth.z", "normal"}));
   EXPECT_EQ(parse_layers("depth", "--aov"),
             (Names{"depth.z", "depth.distance", "depth.mean", "depth.p05", "depth.p95"}));
@@ -37,8 +41,34 @@ TEST(LayerNames, AreFoundInAnyOrderAndCaseAndSuggested) {
   EXPECT_TRUE(contains(error_of([] { parse_layers("opacity,", "--aov"); }), "'' is no layer"));
   EXPECT_EQ(layers_for(Names{"depth.z", "opacity", "transmittance", "depth.distance"}), Layers{});
   EXPECT_EQ(layers_for(Names{"variance"}), Layers{.moments = true});
-  EXPECT_EQ(layers_for(layer_names()),
-            (Layers{.moments = true, .percentiles = true, .samples = true, .normal = true}));
+  EXPECT_EQ(
+      layers_for(layer_names()),
+      (Layers{
+          .moments = true, .percentiles = true, .samples = true, .normal = true, .apart = true}));
+}
+
+TEST(LayerImage, TheObjectOverItsShadowedFieldIsThePicture) {
+  const Frame frame = layer_frame(7, 6);
+  const LayerImage image =
+      layer_image(frame, Names{"object", "field", "shadow"}, Pose(), /*stops=*/-0.5);
+  const auto& rgba = image.layers[0].values;
+  const auto &object = image.layers[1].values, &field = image.layers[2].values;
+  const auto& shadow = image.layers[3].values;
+  for (size_t i = 0; i < 42; ++i) {
+    EXPECT_EQ(object[4 * i + 3], frame.layers.cover[i]);
+    EXPECT_EQ(field[4 * i + 3], 0.9_r);
+    for (size_t k = 0; k < 3; ++k) {
+      EXPECT_NEAR(
+          object[4 * i + k] + (1 - object[4 * i + 3]) * field[4 * i + k] * shadow[3 * i + k],
+          rgba[4 * i + k], 1e-6);
+      const double seen = frame.layers.field[4 * i + k] / 0.9_r;
+      EXPECT_NEAR(field[4 * i + k], std::exp2(-0.5) * 0.9 * srgb_to_linear(seen), 1e-6);
+      if (frame.layers.cover[i] > 0)
+        EXPECT_EQ(shadow[3 * i + k], frame.layers.shadow[3 * i + k]);
+      else if (field[4 * i + k] > 1e-4_r)  // all of the picture is the field's
+        EXPECT_NEAR(object[4 * i + k], 0, 1e-6);
+    }
+  }
 }
 
 TEST(LayerImage, ColourIsLinearLightTimesOpacity) {

@@ -22,8 +22,12 @@
 namespace nerf {
 namespace {
 
-const Layers kEveryLayer{
-    .moments = true, .percentiles = true, .samples = true, .normal = true, .deep = true};
+const Layers kEveryLayer{.moments = true,
+                         .percentiles = true,
+                         .samples = true,
+                         .normal = true,
+                         .deep = true,
+                         .apart = true};
 
 RenderOptions all_layers(int supersample = 1) {
   RenderOptions options;

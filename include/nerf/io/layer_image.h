@@ -40,12 +40,18 @@ struct LayerImage {
 
 // All layers but the colour, in their order: depth.z, depth.distance (median), depth.mean,
 // depth.p05, depth.p95, opacity, normal (input coordinates), normal_camera (x right, y up, z
-// towards the camera), transmittance, samples, variance.
+// towards the camera), transmittance, samples, variance; and of pictures with inserted objects
+// these apart: object (linear light times the share of all light that its surfaces take, and that
+// share), field (the colour without it) and shadow (share of the field's light that is left):
+//   colour = object + (1 - object.A) field shadow
 const std::vector<std::string>& layer_names();
 
 // Layers of a list with commas: names, "all", or "depth" for all that begin with it; upper and
 // lower case alike, each once, in layer_names()'s order. Throws Error, at `where`, for others.
-std::vector<std::string> parse_layers(const std::string& list, const std::string& where);
+// inserted: whether objects stand in the picture; else "all" leaves out what is theirs, and their
+// names are an error.
+std::vector<std::string> parse_layers(const std::string& list, const std::string& where,
+                                      bool inserted = false);
 
 // What a picture must be drawn with.
 Layers layers_for(std::span<const std::string> names);

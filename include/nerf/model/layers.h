@@ -15,6 +15,9 @@ struct Layers {
   bool samples = false;      // network samples asked for
   bool normal = false;       // against the gradient of density where half of the light is stopped
   bool deep = false;         // the light stopped on the way, stretch by stretch
+  // Of pictures: the field without its inserted objects, what these hide and their shadow. Costs a
+  // second picture.
+  bool apart = false;
   bool operator==(const Layers&) const = default;
 };
 
@@ -41,6 +44,9 @@ struct PictureLayers {
   std::vector<Real> near, far;       // 5 % and 95 %; of several rays to a pixel the outermost
   std::vector<Real> samples;         // of all of the pixel's rays
   std::vector<Real> normal;          // [n][3], unit, input coordinates; 0 where there is none
+  std::vector<Real> field;           // [n][4], without objects: sRGB times opacity, and opacity
+  std::vector<Real> cover;           // share of all light that surfaces of objects take
+  std::vector<Real> shadow;          // [n][3], share of the field's linear light that objects leave
   // Front to back; `front` and `back` along the optical axis (of panoramas: along the ray).
   std::vector<std::vector<DeepSample>> deep;
 
@@ -57,6 +63,7 @@ struct LayerArray {
 inline constexpr LayerArray kLayerArrays[] = {
     {&PictureLayers::rgb, 3},      {&PictureLayers::distance, 1}, {&PictureLayers::mean, 1},
     {&PictureLayers::variance, 1}, {&PictureLayers::near, 1},     {&PictureLayers::far, 1},
-    {&PictureLayers::samples, 1},  {&PictureLayers::normal, 3}};
+    {&PictureLayers::samples, 1},  {&PictureLayers::normal, 3},   {&PictureLayers::field, 4},
+    {&PictureLayers::cover, 1},    {&PictureLayers::shadow, 3}};
 
 }  // namespace nerf
