@@ -103,6 +103,8 @@ void LayerFiles::write(const fs::path& out, const RenderPlan& plan, const Planne
                   {"nerf/picture", name_of(plan.picture)},
                   {"nerf/time", fmt::format("{}", planned.time)},
                   {"nerf/exposure", fmt::format("{} stops", stops_)}};
+  if (options_.metres)
+    header.texts.emplace_back("nerf/metresPerUnit", fmt::format("{}", *options_.metres));
   const ExrOptions exr{options_.exr_type, options_.exr_tiles};
   if (options_.deep)
     write_deep_exr(file_of(out / "deep", planned, ".exr"), frame, stops_, header, exr);

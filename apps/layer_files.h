@@ -3,6 +3,7 @@
 
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,7 @@ struct LayerOptions {
   bool deep = false;
   ExrType exr_type = ExrType::kFloat;
   bool exr_tiles = false;
+  std::optional<double> metres;
 
   template <class V>
   void visit_options(V& v) {
@@ -40,6 +42,7 @@ struct LayerOptions {
       brief("deep OpenEXR in DIR/deep"));
     v("exr_type", exr_type, "colour, opacity and normals in OpenEXR; lengths are always float");
     v("exr_tiles", exr_tiles, "OpenEXR in tiles of 64 x 64 pixels, not lines");
+    v("metres", metres, "metres that an input unit is, for the header of OpenEXR files", above(0));
   }
   // Throws Error for a layer or a format that is not known, and for a layer of inserted objects
   // where none is.

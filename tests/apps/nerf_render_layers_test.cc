@@ -111,12 +111,13 @@ class NerfRenderLayers : public testing::Test {
 
 // The picture is the layers' colour over the background, and layers agree with each other.
 TEST_F(NerfRenderLayers, OpenExrHoldsThePictureAndItsLayers) {
-  rendered({"--aov", "all", "--background", "1,0,0.5", "--supersample", "2"});
+  rendered({"--aov", "all", "--background", "1,0,0.5", "--supersample", "2", "--metres", "0.25"});
   EXPECT_EQ(files(), (std::vector<std::string>{"depth/left/img0.png", "exr/left/img0.exr",
                                                "left/img0.png"}));
   const Picture exr = read("exr/left/img0.exr");
   ASSERT_EQ(exr.spec.nchannels, 4 + 5 + 6 + 4);
   EXPECT_EQ(exr.spec.get_string_attribute("nerf/view"), "left/img0.jpg");
+  EXPECT_EQ(exr.spec.get_string_attribute("nerf/metresPerUnit"), "0.25");
   const Image8 png = read_image_8bit(fs::path(out_) / "left/img0.png");
   int seen = 0;
   for (size_t i = 0; i < kWidth * kHeight; ++i) {

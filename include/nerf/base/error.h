@@ -47,16 +47,17 @@ std::string both_values(const A& a, const B& b) {
 
 }  // namespace nerf
 
-#define NERF_CHECK(condition)                                                             \
-  do {                                                                                    \
-    if (!(condition)) ::nerf::internal::check_failed(__FILE__, __LINE__, #condition, ""); \
+// Without the folder, so that no object file depends on where the sources lie.
+#define NERF_CHECK(condition)                                                                  \
+  do {                                                                                         \
+    if (!(condition)) ::nerf::internal::check_failed(__FILE_NAME__, __LINE__, #condition, ""); \
   } while (0)
 #define NERF_CHECK_OP(a, op, b)                                                        \
   do {                                                                                 \
     const auto& check_a = (a);                                                         \
     const auto& check_b = (b);                                                         \
     if (!(check_a op check_b))                                                         \
-      ::nerf::internal::check_failed(__FILE__, __LINE__, #a " " #op " " #b,            \
+      ::nerf::internal::check_failed(__FILE_NAME__, __LINE__, #a " " #op " " #b,       \
                                      ::nerf::internal::both_values(check_a, check_b)); \
   } while (0)
 #define NERF_CHECK_EQ(a, b) NERF_CHECK_OP(a, ==, b)
