@@ -126,10 +126,21 @@ TEST_F(ReadObjectTest, SaysWhatIsWrong) {
   expect("index 7 of 3", [](SomeGltf& g) {
     g.primitive()["indices"] = g.add(std::vector<uint16_t>{0, 1, 7}, 5123, 3, "SCALAR");
   });
-  expect("not finite", [](SomeGltf& g) {
-    g.primitive()["attributes"]["POSITION"] =
-        g.add_floats({0, 0, 0, 1, std::numeric_limits<float>::quiet_NaN(), 0, 0, 1, 0}, "VEC3");
-  });
+  for (const float odd :
+       {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()})
+    for (const auto& [name, type] : {std::pair{"POSITION", "VEC3"},
+                                     {"NORMAL", "VEC3"},
+                                     {"TEXCOORD_0", "VEC2"},
+                                     {"TEXCOORD_1", "VEC2"},
+                                     {"COLOR_0", "VEC3"},
+                                     {"COLOR_0", "VEC4"}})
+      expect(std::string("mesh 0, primitive 0, ") + name + ": element 1 is not finite",
+             [&](SomeGltf& g) {
+               const size_t components = static_cast<size_t>(type[3] - '0');
+               std::vector<float> numbers(3 * components, 1);
+               numbers[2 * components - 1] = odd;
+               g.primitive()["attributes"][name] = g.add_floats(numbers, type);
+             });
   expect("no triangles", [](SomeGltf& g) { g.primitive()["mode"] = 1; });
   expect("no material 9", [](SomeGltf& g) { g.primitive()["material"] = 9; });
   expect("neither PNG nor JPEG",
