@@ -13,6 +13,7 @@
 #include "nerf/base/file.h"
 #include "nerf/io/image.h"
 #include "nerf/math/random.h"
+#include "nerf/math/srgb.h"
 #include "support/temp_folder.h"
 
 namespace nerf {
@@ -64,6 +65,27 @@ TEST_F(ReadObjectTest, TakesMaterialsAndTextures) {
   EXPECT_TRUE(o.textures[0].nearest);
   // The lower right pixel is transparent.
   EXPECT_EQ(o.textures[0].at(0.9, 0.9)[3], 0);
+}
+
+// Metallic in blue and roughness in green are numbers; emitted light is a colour in sRGB.
+TEST_F(ReadObjectTest, TakesTheOtherTextures) {
+  SomeGltf g;
+  Image8 image{1, 1, 4, {51, 128, 204, 255}};
+  write_image(folder_ / "one.png", image);
+  g.add_texture(read_file(folder_ / "one.png"));
+  Json& material = g.json["materials"][0];
+  material["pbrMetallicRoughness"].erase("baseColorTexture");
+  material["pbrMetallicRoughness"]["metallicRoughnessTexture"] = {{"index", 0}};
+  material["emissiveFactor"] = {1, 0.5, 0.25};
+  material["emissiveTexture"] = {{"index", 0}};
+  const SurfacePoint p = surface_point(read(g), 0, 0.3, 0.3);
+  EXPECT_NEAR(p.metallic, 0.25 * 204 / 255, 1e-12);
+  EXPECT_NEAR(p.roughness, 0.75 * 128 / 255, 1e-12);
+  // In float, as the table of the 256 values is.
+  EXPECT_NEAR(p.emissive.x, srgb_to_linear(51 / 255.0), 1e-7);
+  EXPECT_NEAR(p.emissive.y, 0.5 * srgb_to_linear(128 / 255.0), 1e-7);
+  EXPECT_NEAR(p.emissive.z, 0.25 * srgb_to_linear(204 / 255.0), 1e-7);
+  EXPECT_EQ(p.base, (Vec3d{0.5, 0.25, 1}));
 }
 
 // KHR_texture_transform: T R S of the coordinates, R counter-clockwise where v points down.
