@@ -6,9 +6,12 @@
 #include <charconv>
 #include <cmath>
 #include <numbers>
+#include <sstream>
+#include <string_view>
 
 #include "nerf/base/error.h"
 #include "nerf/base/nearest_name.h"
+#include "nerf/base/text.h"
 #include "nerf/io/mesh_file.h"
 #include "nerf/model/integrator.h"
 
@@ -76,7 +79,7 @@ Mat3d turn_about(int axis, double degrees) {
 void InsertOptions::check_options() const {
   if (insert.empty()) {
     const InsertOptions none;
-    if (at || !place.empty() || light || scale != none.scale || !(rotate == none.rotate) ||
+    if (at || !place.empty() || !light.empty() || scale != none.scale || !(rotate == none.rotate) ||
         !field_light || !object_shadow || !object_animation.empty() || object_start != 0 ||
         !object_loop)
       throw Error("there is no object to place", "--insert", "give --insert FILE");
@@ -86,9 +89,42 @@ void InsertOptions::check_options() const {
     throw Error("--at and --place exclude each other", "--place", "give one of them");
   if (!place.empty() && !parse_place(place))
     throw Error("'" + place + "' is no place", "--place", "give VIEW@X,Y, as in floor@400,300");
-  if (!field_light && !light)
+  if (parse_lights(light).empty() && !field_light)
     throw Error("no light is left", "--no-field-light", "give --light X,Y,Z");
-  if (light && !(length(*light) > 0)) throw Error("a light needs a direction", "--light");
+}
+
+std::vector<DistantLight> parse_lights(const std::string& text) {
+  constexpr double kMost = 1e6;
+  std::vector<DistantLight> lights;
+  std::istringstream words(text);
+  for (std::string word; words >> word;) {
+    const auto fail = [&](const std::string& problem) {
+      throw Error("'" + word + "' " + problem, "--light",
+                  "give X,Y,Z or X,Y,Z:R,G,B, as in 1,0.5,2:0.9,0.8,0.6");
+    };
+    const auto three = [&](std::string_view numbers, double least) {
+      Vec3d v;
+      for (int k = 0; k < 3; ++k) {
+        const size_t end = k < 2 ? numbers.find(',') : numbers.size();
+        const auto number =
+            end == numbers.npos ? std::nullopt : number_in(numbers.substr(0, end), least, kMost);
+        if (!number)
+          fail(
+              fmt::format("is no light: three numbers from {:g} to {:g} are wanted", least, kMost));
+        v[k] = *number;
+        numbers.remove_prefix(std::min(end + 1, numbers.size()));
+      }
+      return v;
+    };
+    const size_t colon = word.find(':');
+    const Vec3d towards = three(std::string_view(word).substr(0, colon), -kMost);
+    const double strength = length(towards);
+    if (!(strength > 0)) fail("has no direction");
+    lights.push_back({towards / strength,
+                      colon == word.npos ? Vec3d{1, 1, 1} * strength
+                                         : three(std::string_view(word).substr(colon + 1), 0)});
+  }
+  return lights;
 }
 
 std::optional<PlacePixel> parse_place(const std::string& text) {
@@ -181,11 +217,9 @@ InsertedObject insert_object(const InsertOptions& options, const RadianceField& 
   insertion.field_light = options.field_light;
   insertion.shadows = options.object_shadow;
   insertion.moves = inserted.motion != nullptr;
-  if (options.light) {
-    const double strength = length(*options.light);
-    insertion.lights.push_back(
-        {field.info().to_engine.rotation * (*options.light / strength), Vec3d{1, 1, 1} * strength});
-  }
+  insertion.lights = parse_lights(options.light);
+  for (DistantLight& light : insertion.lights)
+    light.towards = field.info().to_engine.rotation * light.towards;
   inserted.insertion =
       std::make_unique<Insertion>(field, std::move(read.object), insertion, render, pool);
   return inserted;

@@ -22,7 +22,7 @@ struct InsertOptions {
   std::string place;
   double scale = 1;
   Vec3d rotate;
-  std::optional<Vec3d> light;
+  std::string light;  // as parse_lights() takes it
   bool field_light = true;
   bool object_shadow = true;
   std::string object_animation;
@@ -45,8 +45,10 @@ struct InsertOptions {
     v("scale", scale, "input units that a metre of the object is", above(0), at_most(1e9));
     v("rotate", rotate, "degrees about its own x, y (up) and z, in this order");
     v("light", light,
-      "a light from far away in this direction, input coordinates; its length is what a white "
-      "surface shows that faces it (linear)");
+      "a light from far away in this direction, input coordinates, and what a white surface shows "
+      "that faces it, red, green and blue (linear); without these that is the direction's length. "
+      "May be given several times",
+      repeatable(), metavar("X,Y,Z[:R,G,B]"));
     v("field_light", field_light, "the scene's own light on the object");
     v("object_shadow", object_shadow, "the object's shadow on the scene");
     v("object_animation", object_animation,
@@ -71,6 +73,10 @@ struct PlacePixel {
   bool percent_x = false, percent_y = false;
 };
 std::optional<PlacePixel> parse_place(const std::string& text);
+
+// Lights of --light, X,Y,Z or X,Y,Z:R,G,B with spaces between them. Their directions are input
+// coordinates. Throws Error.
+std::vector<DistantLight> parse_lights(const std::string& text);
 
 // From the object's coordinates to input coordinates. Throws Error where the place shows no
 // surface.

@@ -48,7 +48,8 @@ double number_of(const std::string& text, const std::string& key) {
 using Numbers = std::map<std::string, std::vector<double>>;
 
 Numbers numbers_of(const std::vector<std::string>& parts) {
-  const std::vector<std::string> known{"sigma", "colour", "height", "falloff", "box"};
+  const std::vector<std::string> known{"sigma",  "backscatter", "colour",
+                                       "height", "falloff",     "box"};
   Numbers numbers;
   std::string key;
   for (size_t i = 1; i < parts.size(); ++i) {
@@ -94,6 +95,7 @@ Medium parse_medium(const std::string& text, const ModelInfo& info) {
         nearest_name_hint(parts.front(), std::vector<std::string>{"fog", "smoke", "water", "off"}));
   const Numbers numbers = numbers_of(parts);
   expect(numbers, "sigma", 1, 3);
+  expect(numbers, "backscatter", 1, 3);
   expect(numbers, "colour", 3, 3);
   expect(numbers, "height", 1, 1);
   expect(numbers, "falloff", 1, 1);
@@ -104,9 +106,12 @@ Medium parse_medium(const std::string& text, const ModelInfo& info) {
   };
   medium.attenuation = kind->sigma * info.to_engine.scale;
   medium.colour = kind->colour;
-  if (const auto* s = all("sigma"))
-    medium.attenuation = {s->front(), (*s)[s->size() / 2], s->back()};
-  medium.backscatter = medium.attenuation;
+  const auto channels = [](const std::vector<double>& x) {  // one for all, or three
+    return Vec3d{x.front(), x[x.size() / 2], x.back()};
+  };
+  if (const auto* s = all("sigma")) medium.attenuation = channels(*s);
+  const auto* b = all("backscatter");
+  medium.backscatter = b ? channels(*b) : medium.attenuation;
   if (const auto* c = all("colour")) medium.colour = Vec3d{(*c)[0], (*c)[1], (*c)[2]}.cast<Real>();
   if (const auto* h = all("height")) medium.height = h->front();
   if (const auto* f = all("falloff"))
@@ -114,10 +119,30 @@ Medium parse_medium(const std::string& text, const ModelInfo& info) {
   else if (all("height"))
     throw Error("height says where sigma holds, but not how fast the medium thins", kOption,
                 "give falloff=L too: above it, each L input units weaken it by a factor of e");
-  if (const auto* b = all("box"))
-    medium.box = Box3{{(*b)[0], (*b)[1], (*b)[2]}, {(*b)[3], (*b)[4], (*b)[5]}};
+  if (const auto* c = all("box"))
+    medium.box = Box3{{(*c)[0], (*c)[1], (*c)[2]}, {(*c)[3], (*c)[4], (*c)[5]}};
   check_medium(medium, kOption);
   return medium;
+}
+
+std::string medium_text(const Medium& medium) {
+  const auto grey = [](const Vec3d& v) { return v.x == v.y && v.y == v.z; };
+  const auto channels = [&](const Vec3d& v) {
+    return grey(v) ? fmt::format("{:.6g}", v.x)
+                   : fmt::format("{:.6g},{:.6g},{:.6g}", v.x, v.y, v.z);
+  };
+  const bool one = medium.backscatter == medium.attenuation;
+  const Vec3d colour = medium.colour.cast<double>();
+  std::string text = one && grey(medium.attenuation) ? "fog" : "water";
+  text += ",sigma=" + channels(medium.attenuation);
+  if (!one) text += ",backscatter=" + channels(medium.backscatter);
+  text += fmt::format(",colour={:.6g},{:.6g},{:.6g}", colour.x, colour.y, colour.z);
+  if (medium.falloff)
+    text += fmt::format(",height={:.6g},falloff={:.6g}", medium.height, *medium.falloff);
+  if (const auto& box = medium.box)
+    text += fmt::format(",box={:.6g},{:.6g},{:.6g},{:.6g},{:.6g},{:.6g}", box->min.x, box->min.y,
+                        box->min.z, box->max.x, box->max.y, box->max.z);
+  return text;
 }
 
 }  // namespace nerf::apps

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <string>
 
 #include "app.h"
 #include "appearance.h"
 #include "export_options.h"
 #include "nerf/base/error.h"
-#include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "nerf/base/nearest_name.h"
 #include "nerf/base/progress.h"
@@ -20,6 +20,7 @@
 #include "nerf/model/radiance_field.h"
 #include "nerf/model/surface.h"
 #include "render_plan.h"
+#include "target_file.h"
 
 namespace nerf::apps {
 namespace {
@@ -38,13 +39,6 @@ ProgramText text_of(const std::string& command, const std::string& description,
   return {"nerf_export " + command, description, "", examples};
 }
 
-// What would make the file fail is found before the work, not after.
-void check_target(const std::filesystem::path& file) {
-  if (std::filesystem::is_directory(file)) throw Error("this is a folder", file.string());
-  const auto folder = file.parent_path();
-  make_writable_folder(folder.empty() ? "." : folder);
-}
-
 std::string size_text(const RadianceField& field, const SurfaceRegion& region) {
   const Vec3d size = region.box.size() / field.info().to_engine.scale;
   return fmt::format("{:.4g} x {:.4g} x {:.4g}", size.x, size.y, size.z);
@@ -56,7 +50,7 @@ class SurfaceExport {
   explicit SurfaceExport(const FieldCommand& command)
       : pool_(command.threads), field_(RadianceField::load(find_model_file(command.run))) {
     log_machine("nerf_export", pool_.size(), command.precision);
-    check_target(command.out);
+    target_.emplace(command.out);
     options_.render.precision = command.precision;
     options_.render.time = static_cast<Real>(command.time);
     RenderPlan plan;
@@ -100,6 +94,7 @@ class SurfaceExport {
   SignalCancel stop_;
   ThreadPool pool_;
   RadianceField field_;
+  std::optional<TargetFile> target_;
   SurfaceOptions options_;
 };
 
@@ -186,7 +181,7 @@ int export_cameras(int argc, char** argv) {
   const auto text = text_of("cameras", "Writes a trained model's cameras for Blender and others.",
                             "  nerf_export cameras run -o cameras.glb --path orbit");
   if (parse_command_line(argc, argv, text, command).exit) return kExitOk;
-  check_target(command.out);
+  const TargetFile target(command.out);
   const ModelInfo info = RadianceField::load(find_model_file(command.run)).info();
   CameraPath path;
   if (!command.path.empty()) {

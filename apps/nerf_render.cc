@@ -1,11 +1,12 @@
 // nerf_render: new views of a trained model as pictures and video.
 #include <fmt/format.h>
 
+#include <optional>
+
 #include "app.h"
 #include "appearance.h"
 #include "layer_files.h"
 #include "medium_option.h"
-#include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "nerf/base/progress.h"
@@ -17,17 +18,10 @@
 #include "render_frames.h"
 #include "render_options.h"
 #include "render_plan.h"
+#include "target_file.h"
 
 namespace nerf::apps {
 namespace {
-
-// What would make the video fail is found before the frames are rendered, not after.
-void check_video(const std::filesystem::path& mp4) {
-  check_video_tools();
-  if (std::filesystem::is_directory(mp4)) throw Error("this is a folder", mp4.string());
-  const auto folder = mp4.parent_path();
-  make_writable_folder(folder.empty() ? "." : folder);
-}
 
 void make_video(const RenderCommand& command, const RenderedFiles& files, double fps,
                 const Cancel& cancel) {
@@ -77,7 +71,12 @@ int render_main(int argc, char** argv) {
                        {density_of(field, pool), field.shows_background(), field.moves()});
   for (const std::string& note : plan.notes) log_warning(note);
   give_appearance(command.appearance, field, plan);
-  if (!command.mp4.empty()) check_video(command.mp4);
+  // What would make the video fail is found before the frames are rendered, not after.
+  std::optional<TargetFile> film;
+  if (!command.mp4.empty()) {
+    check_video_tools();
+    film.emplace(command.mp4);
+  }
   const LayerFiles layers(command.layers, !command.object.insert.empty(), command.exposure,
                           field.info());
 

@@ -6,6 +6,7 @@
 
 #include "app.h"
 #include "light_notes.h"
+#include "medium_notes.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "nerf/base/progress.h"
@@ -295,7 +296,9 @@ class Training {
     summary_.decode_seconds = photos_.decode_seconds;
     summary_.profile = trainer_.profile();
     summary_.readouts = trainer_.readouts();
-    summary_.light = light_report(trainer_.snapshot(), scene_, photos_);
+    const RadianceField model = trainer_.snapshot();
+    summary_.light = light_report(model, scene_, photos_);
+    summary_.medium = model.medium();
     write_result(folder_.result(), summary_);
     log_info(fmt::format("training    {}, {} steps, {}", format_duration(run.train_seconds),
                          run.steps, rate_text(run.samples_per_second(), "samples")));
@@ -303,6 +306,8 @@ class Training {
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
     for (const std::string& line : light_lines(summary_.light)) log_info(line);
+    if (summary_.medium)
+      for (const std::string& line : medium_lines(*summary_.medium)) log_info(line);
     write_left_out();
     log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())

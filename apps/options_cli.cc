@@ -128,7 +128,7 @@ void check_names(int argc, const char* const* argv, const CollectedOptions& opti
     const Known& option = found->second;
     if (!option.field) continue;
     const auto [earlier, first] = seen.emplace(option.field->name, option.name);
-    if (!first)
+    if (!first && !option.field->repeatable)
       throw Error(earlier->second == option.name
                       ? option.name + " is given twice"
                       : earlier->second + " and " + option.name + " are both given",
@@ -159,6 +159,7 @@ void add_field(CLI::App& app, const OptionField& field, bool is_short, CommandLi
         [&field, note, where = field.positional ? placeholder_of(field) : flag](
             const std::string& text) { set_option_text(field, text, where), note(); },
         help);
+    if (field.repeatable) option->join(' ');
     option->option_text(field.positional ? " " : placeholder_of(field));
   }
   option->required(field.required);

@@ -194,10 +194,12 @@ struct RenderCommand {
       metavar("PHOTO|A..B|mean"), brief("light of a photo, or from one to another: PHOTO, A..B"));
     v("medium", medium,
       "what the scene is seen through: fog, smoke or water; sigma is what weakens light, per input "
-      "unit, of all channels or each; colour what is left to see, 0 to 1; falloff makes it thin "
+      "unit, of all channels or each; backscatter, where it is not the same, how fast its own "
+      "light sets in; colour what is left to see, 0 to 1; falloff makes it thin "
       "with height, from sigma at `height` on; box is where it ends, input coordinates; off: "
       "clear; without it what nerf_train --medium has learnt",
-      metavar("KIND[,sigma=N][,colour=R,G,B][,height=H,falloff=L][,box=X,Y,Z,X,Y,Z]"),
+      metavar(
+          "KIND[,sigma=N][,backscatter=N][,colour=R,G,B][,height=H,falloff=L][,box=X,Y,Z,X,Y,Z]"),
       brief("fog, smoke or water before the scene; off: clear"));
     v("exposure", exposure, "stops by which the pictures are brighter", at_least(-10), at_most(10),
       brief("stops by which the pictures are brighter"));

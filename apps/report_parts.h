@@ -11,6 +11,7 @@ namespace nerf::apps {
 std::string curves_part(const RunRecord& record);
 std::string space_part(const RunRecord& record);    // cameras and points
 std::string light_part(const RunRecord& record);    // exposures, vignetting
+std::string medium_part(const RunRecord& record);   // that was learnt
 std::string time_part(const RunRecord& record);     // timing by stage, memory
 std::string skipped_part(const RunRecord& record);  // what was left out
 std::string options_part(const RunRecord& record);

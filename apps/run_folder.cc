@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "light_notes.h"
+#include "medium_notes.h"
 #include "nerf/base/error.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
@@ -218,6 +219,7 @@ void write_result(const fs::path& path, const RunSummary& s) {
               {"scales", scale_scores(s.evaluation)},
               {"held_out", held_out_scores(s.evaluation)},
               {"views", view_scores(s.evaluation)}};
+  if (s.medium) result["medium"] = medium_json(*s.medium);
   if (!s.readouts.empty()) result["readouts"] = s.readouts;
   write_file_atomically(path, dump(result, 2));
 }

@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "nerf/model/medium.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/light_report.h"
 #include "nerf/train/run.h"
@@ -76,6 +78,7 @@ struct RunSummary {
   TrainProfile profile;          // of the steps of this process
   std::vector<double> readouts;  // Trainer::readouts()
   LightReport light;
+  std::optional<Medium> medium;  // that was learnt
 };
 
 // The model's cameras, at the size of the scene's photos: cameras.txt, images.txt, points3D.txt

@@ -148,8 +148,8 @@ std::string report_text(const RunRecord& record, ThreadPool& pool) {
   if (!notes.warnings.empty())
     body += "<h2 id=\"warnings\">Warnings</h2>\n" + list_of(notes.warnings);
   if (!notes.scene.empty()) body += "<h2 id=\"scene\">Scene</h2>\n" + lines_of(notes.scene);
-  body += curves_part(record) + views + light_part(record) + space + time_part(record) +
-          skipped_part(record) + options_part(record);
+  body += curves_part(record) + views + light_part(record) + medium_part(record) + space +
+          time_part(record) + skipped_part(record) + options_part(record);
   if (!notes.printed.empty())
     body += "<details id=\"printed\"><summary>What the training printed</summary>\n" +
             lines_of(notes.printed) + "</details>\n";

@@ -53,13 +53,17 @@ struct Corners {
 
   std::array<double, 4> texture(const TextureUse& use) const {
     if (use.texture < 0) return {1, 1, 1, 1};
-    const auto& uv = object.uv[static_cast<size_t>(use.uv)];
-    if (uv.empty()) return object.textures[static_cast<size_t>(use.texture)].at(0, 0);
-    const auto along = [&](auto member) {
-      return mixed(static_cast<double>(uv[t[0]].*member), static_cast<double>(uv[t[1]].*member),
-                   static_cast<double>(uv[t[2]].*member), u, v);
-    };
-    return object.textures[static_cast<size_t>(use.texture)].at(along(&Vec2::x), along(&Vec2::y));
+    double x = use.origin.x, y = use.origin.y;
+    if (const auto& uv = object.uv[static_cast<size_t>(use.uv)]; !uv.empty()) {
+      const auto along = [&](auto member) {
+        return mixed(static_cast<double>(uv[t[0]].*member), static_cast<double>(uv[t[1]].*member),
+                     static_cast<double>(uv[t[2]].*member), u, v);
+      };
+      const double s = along(&Vec2::x), r = along(&Vec2::y);
+      x += use.along_u.x * s + use.along_v.x * r;
+      y += use.along_u.y * s + use.along_v.y * r;
+    }
+    return object.textures[static_cast<size_t>(use.texture)].at(x, y);
   }
   double colour(size_t k) const {
     if (object.colours.empty()) return 1;

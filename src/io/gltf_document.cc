@@ -51,12 +51,16 @@ bool keep_bytes(tinygltf::Image* image, const int, std::string*, std::string*, i
   return true;
 }
 
+bool known_extension(const std::string& name) {
+  static const std::set<std::string> known{"KHR_materials_emissive_strength", "KHR_materials_unlit",
+                                           "KHR_mesh_quantization", "KHR_texture_transform"};
+  return known.contains(name);
+}
+
 // What tinygltf 2.7 takes without a look.
 void check_document(const tinygltf::Model& model, const fs::path& path) {
-  const std::set<std::string> known{"KHR_materials_unlit", "KHR_mesh_quantization",
-                                    "KHR_materials_emissive_strength"};
   for (const std::string& name : model.extensionsRequired)
-    if (!known.contains(name))
+    if (!known_extension(name))
       throw Error("needs the extension " + printable(name) + ", which is not known here",
                   path.string(), "export the object without it (and without compression)");
   for (size_t i = 0; i < model.buffers.size(); ++i)
@@ -66,6 +70,13 @@ void check_document(const tinygltf::Model& model, const fs::path& path) {
 }
 
 }  // namespace
+
+std::vector<std::string> ignored_extensions(const tinygltf::Model& model) {
+  std::set<std::string> ignored;
+  for (const std::string& name : model.extensionsUsed)
+    if (!known_extension(name)) ignored.insert(name);
+  return {ignored.begin(), ignored.end()};
+}
 
 tinygltf::Model load_gltf(const fs::path& path) {
   const std::vector<uint8_t> bytes = read_file(path, kMostBytes);

@@ -16,6 +16,9 @@ namespace nerf::internal {
 // The remedy for a file whose numbers or parts do not fit together.
 inline constexpr const char* kExportAgain = "export the file again";
 
+// Extensions that the file uses and this reader does not know; it reads on without them.
+std::vector<std::string> ignored_extensions(const tinygltf::Model& model);
+
 // The file read by tinygltf, images not decoded (Image::image holds the file's bytes). Throws
 // Error.
 tinygltf::Model load_gltf(const std::filesystem::path& path);

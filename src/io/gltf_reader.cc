@@ -159,7 +159,7 @@ class ObjectReader {
     }
   }
 
-  // zeros: as GltfNumbers.
+  // Its numbers are finite. zeros: as GltfNumbers.
   std::optional<GltfNumbers> attribute(const std::map<std::string, int>& attributes,
                                        const std::string& name, const std::string& what, int least,
                                        int most, size_t count, bool zeros = false) const {
@@ -171,6 +171,10 @@ class ObjectReader {
       fail(fmt::format("{}: {} components", use, numbers.components()));
     if (count > 0 && numbers.count() != count)
       fail(fmt::format("{}: {} elements for {} positions", use, numbers.count(), count));
+    for (size_t i = 0; !numbers.integers() && i < numbers.count(); ++i)
+      for (int k = 0; k < numbers.components(); ++k)
+        if (!(std::fabs(numbers.number(i, k)) < internal::kFarthestGltf))
+          fail(fmt::format("{}: element {} is not finite", use, i));
     return numbers;
   }
 
@@ -236,8 +240,6 @@ class ObjectReader {
       for (size_t i = 0; i < n; ++i) {
         const Vec3d p = positions ? positions->vector(i) : Vec3d();
         const Vec3d v = normals ? normals->vector(i) : Vec3d();
-        if (!(length(p) < internal::kFarthestGltf) || !(length(v) < internal::kFarthestGltf))
-          fail(fmt::format("{}: element {} is not finite", what, i));
         if (p == Vec3d() && v == Vec3d()) continue;
         target.moves.push_back({static_cast<uint32_t>(i), p.cast<Real>(), v.cast<Real>()});
       }
@@ -270,8 +272,7 @@ class ObjectReader {
       for (const GltfNumbers& set : weights)
         for (int k = 0; k < 4; ++k) {
           const double w = set.number(i, k);
-          if (!(w >= 0 && w < internal::kFarthestGltf))
-            fail(fmt::format("{}: vertex {} has a weight of {:g}", part.what, i, w));
+          if (!(w >= 0)) fail(fmt::format("{}: vertex {} has a weight of {:g}", part.what, i, w));
           sum += w;
         }
       if (!(sum > 0))

@@ -1,6 +1,7 @@
 // Where --insert stands an object.
 #include "insert_object.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,6 +11,7 @@
 #include "model/analytic_field.h"
 #include "model/homogeneous_field.h"
 #include "nerf/io/mesh_file.h"
+#include "nerf/math/srgb.h"
 #include "support/cameras.h"
 #include "support/temp_folder.h"
 
@@ -28,6 +30,19 @@ TEST(ParsePlace, TakesAViewAndAPixel) {
   for (const char* text :
        {"", "a@1%2,3", "a@nan,1", "a", "@1,2", "a@", "a@1", "a@1,", "a@1,2,3", "a@x,2", "a@1,2 "})
     EXPECT_FALSE(parse_place(text)) << text;
+}
+
+TEST(ParseLights, TakesDirectionsAndColours) {
+  const auto lights = parse_lights("0,3,-4 2,0,0:0.5,0.25,0");
+  ASSERT_EQ(lights.size(), 2u);
+  EXPECT_LT(length(lights[0].towards - Vec3d{0, 0.6, -0.8}), 1e-12);
+  EXPECT_EQ(lights[0].light, (Vec3d{5, 5, 5}));
+  EXPECT_EQ(lights[1].towards, (Vec3d{1, 0, 0}));
+  EXPECT_EQ(lights[1].light, (Vec3d{0.5, 0.25, 0}));
+  EXPECT_TRUE(parse_lights("").empty());
+  for (const char* text : {"1,2", "1,2,3,4", "x,1,2", "0,0,0", "nan,1,2", "1,2,3:", "1,2,3:1,1",
+                           "1,2,3:-1,1,1", "1,2,3:1,1,1:1", "1,2,3 4", "1,2,3:1,1,1,", "1,2,1e300"})
+    EXPECT_TRUE(test::contains(test::error_of([&] { parse_lights(text); }), "--light: '")) << text;
 }
 
 TEST(InsertOptions, CombinationsAreChecked) {
@@ -55,6 +70,12 @@ TEST(InsertOptions, CombinationsAreChecked) {
                                o.field_light = false;
                              }),
                              "--light"));
+  EXPECT_TRUE(test::contains(problem([](auto& o) { o.light = "1,2,3"; }), "--insert"));
+  EXPECT_TRUE(test::contains(problem([](auto& o) {
+                               o.insert = "a.glb";
+                               o.light = "1,2,3 1,2";
+                             }),
+                             "'1,2' is no light"));
 }
 
 TEST(PlayedTime, GoesRoundBetweenTheKeysOrStaysAtTheLast) {
@@ -157,6 +178,48 @@ TEST(InsertObject, PlaysItsAnimation) {
   EXPECT_GT(far, 20);
   EXPECT_GT(near, far + 5);
   EXPECT_EQ(pixels(0), far);
+}
+
+// Light is linear: that of two lights is the sum, and what one lacks it does not give.
+TEST(InsertObject, ItsLightsAddUp) {
+  const RadianceField field = floor_field();
+  const ModelInfo& info = field.info();
+  const test::TempFolder folder;
+  test::SomeGltf gltf;
+  gltf.json["materials"][0].erase("alphaMode");
+  gltf.json["materials"][0].erase("emissiveFactor");
+  gltf.write(folder / "triangle.glb");
+  ThreadPool pool(1);
+  const RenderOptions render;
+  InsertOptions options;
+  options.insert = folder / "triangle.glb";
+  options.at = info.to_engine.center;
+  options.rotate = {-90, 0, 0};  // it faces upwards
+  options.object_shadow = false;
+  options.field_light = false;
+  const Pose pose = info.to_engine.apply_inverse(test::looking_at({0.1, 0.1, 1.5}, {0.1, 0.1, 0}));
+  const auto shown = [&](const std::string& lights) {
+    options.light = lights;
+    const InsertedObject object = insert_object(options, field, 0, render, pool);
+    const Frame f = nerf::render(field, test::pinhole(9, 9, 200), pose, render, pool, {}, nullptr,
+                                 object.insertion.get());
+    Vec3d linear;
+    for (int k = 0; k < 3; ++k)
+      linear[k] = srgb_to_linear(static_cast<double>(f.rgb[3 * 40 + static_cast<size_t>(k)]));
+    return linear;
+  };
+  const auto light = [&](const Vec3d& towards, const std::string& colour) {
+    const Vec3d d = info.to_engine.rotation.transposed() * towards;
+    return fmt::format("{},{},{}:{}", d.x, d.y, d.z, colour);
+  };
+  const std::string red = light({0.3, 0, 1}, "0.5,0,0"), other = light({0, -0.5, 1}, "0.2,0.6,0.4");
+  const Vec3d a = shown(red), b = shown(other), both = shown(red + " " + other);
+  EXPECT_GT(a.x, 0.2);
+  EXPECT_NEAR(a.y, 0, 1e-6);
+  EXPECT_GT(b.y, 0.1);
+  EXPECT_LT(length(both - (a + b)), 1e-4);
+  // Lights are in input coordinates: from below nothing comes.
+  EXPECT_NEAR(shown(light({0, 0, -1}, "1,1,1")).x, 0, 1e-6);
 }
 
 TEST(ObjectToInput, StandsOnTheSurfaceUnderAPixel) {

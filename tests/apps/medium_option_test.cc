@@ -24,6 +24,48 @@ TEST(ParseMedium, TakesEveryKey) {
   EXPECT_EQ(parse_medium("fog,falloff=2", {}).height, 0);
 }
 
+TEST(ParseMedium, BackscatterIsItsOwn) {
+  const Medium m = parse_medium("water,sigma=0.1,0.2,0.3,backscatter=0.5,0.25,0.75", {});
+  EXPECT_EQ(m.attenuation, (Vec3d{0.1, 0.2, 0.3}));
+  EXPECT_EQ(m.backscatter, (Vec3d{0.5, 0.25, 0.75}));
+  const Medium one = parse_medium("water,backscatter=2", {});
+  EXPECT_EQ(one.backscatter, (Vec3d{2, 2, 2}));
+  EXPECT_EQ(one.attenuation, parse_medium("water", {}).attenuation);
+}
+
+// What is written is read again, to its six digits.
+TEST(MediumText, IsReadAgain) {
+  Medium water;
+  water.attenuation = {1.0 / 3, 0.0123456789, 12.3456789};
+  water.backscatter = {0.7, 2e-7, 3};
+  water.colour = {0.05_r, 1.0_r / 3, 1};
+  Medium fog;
+  fog.attenuation = fog.backscatter = {0.4, 0.4, 0.4};
+  fog.colour = {0.5_r, 0.6_r, 0.7_r};
+  Medium ground = fog;
+  ground.height = -1.5;
+  ground.falloff = 0.25;
+  ground.box = Box3{{-1, -2, -3}, {1, 2, 3.5}};
+  for (const Medium& m : {water, fog, ground}) {
+    const std::string text = medium_text(m);
+    SCOPED_TRACE(text);
+    EXPECT_EQ(text.find(' '), std::string::npos);
+    const Medium read = parse_medium(text, {});
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_NEAR(read.attenuation[k], m.attenuation[k], 5e-6 * m.attenuation[k]);
+      EXPECT_NEAR(read.backscatter[k], m.backscatter[k], 5e-6 * m.backscatter[k]);
+      EXPECT_NEAR(read.colour[k], m.colour[k], 5e-6_r);
+    }
+    EXPECT_EQ(read.height, m.height);
+    EXPECT_EQ(read.falloff, m.falloff);
+    ASSERT_EQ(read.box.has_value(), m.box.has_value());
+    if (m.box) {
+      EXPECT_EQ(read.box->max, m.box->max);
+    }
+  }
+  EXPECT_EQ(medium_text(fog), "fog,sigma=0.4,colour=0.5,0.6,0.7");
+}
+
 // In a scene of twice the size fog is half as dense.
 TEST(ParseMedium, KindsSayWhatIsLeftOut) {
   ModelInfo small, large;
@@ -58,6 +100,8 @@ TEST(ParseMedium, MistakesAreNamed) {
       {"fog,sigma=1e999", "no number"},
       {"fog,sigma=-1", "below 0"},
       {"fog,sigma=1,2", "give 1 or 3"},
+      {"water,backscatter=1,2", "give 1 or 3"},
+      {"water,backscatter=-1", "below 0"},
       {"fog,colour=1,1", "give 3"},
       {"fog,colour=1,1,2", "from 0 to 1"},
       {"fog,height=1", "falloff"},

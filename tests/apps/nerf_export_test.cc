@@ -92,6 +92,25 @@ TEST_F(NerfExport, WritesPointsAndCameras) {
   EXPECT_NE(read_text(out("c.glb")).find("\"animations\""), std::string::npos);
 }
 
+TEST_F(NerfExport, ADiskThatIsFullLeavesNoFile) {
+  // No file may grow over 1 KB, as if the disk had no more room.
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"mesh", run(), "-o", out("new/a.glb"), "--resolution", "40"},
+        {"mesh", run(), "-o", out("new/a.ply"), "--resolution", "40"},
+        {"points", run(), "-o", out("new/p.ply"), "--points", "2000"},
+        {"cameras", run(), "-o", out("new/c.glb"), "--path", "orbit"}}) {
+    SCOPED_TRACE(arguments[3]);
+    std::vector<std::string> limited{"-c", "trap '' XFSZ; ulimit -f 1; exec \"$@\"", "bash",
+                                     NERF_EXPORT_PROGRAM};
+    limited.insert(limited.end(), arguments.begin(), arguments.end());
+    const ProgramResult result = testing_apps::run_program("/bin/bash", limited);
+    EXPECT_EQ(result.exit_code, 2) << result.err;
+    EXPECT_EQ(result.lines().back().rfind("nerf_export: " + arguments[3] + ": cannot write", 0), 0u)
+        << result.err;
+    EXPECT_FALSE(fs::exists(folder_.path() / "new"));
+  }
+}
+
 TEST_F(NerfExport, NamesMistakes) {
   const auto refused = [&](const std::vector<std::string>& arguments,
                            const std::vector<std::string>& parts) {
@@ -103,12 +122,13 @@ TEST_F(NerfExport, NamesMistakes) {
   refused({"mesh", run(), "-o", out("a.glb"), "--density", "3"}, {"--from density"});
   // Found at the end, after lines that say what was done.
   for (const std::string command : {"mesh", "points"}) {
-    const auto result = export_program({command, run(), "-o", out("a.ply"),
+    const auto result = export_program({command, run(), "-o", out("new/er/a.ply"),
                                         command == "mesh" ? "--resolution" : "--points", "500",
                                         "--bbox", "8,8,8,9,9,9"});
     EXPECT_EQ(result.exit_code, 2) << result.err;
     EXPECT_EQ(result.lines().back(),
               "nerf_export: --bbox: there is no surface in this box (give another box)");
+    EXPECT_FALSE(fs::exists(folder_.path() / "new"));
   }
   refused({"cameras", out("none"), "-o", out("a.glb")}, {"no such file"});
   EXPECT_EQ(folder_.files(), 0);

@@ -3,9 +3,11 @@
 
 #include <chrono>
 #include <csignal>
+#include <limits>
 #include <memory>
 #include <thread>
 
+#include "io/some_gltf.h"
 #include "nerf/base/threads.h"
 #include "nerf/io/image.h"
 #include "nerf/kernels/bf16.h"
@@ -234,6 +236,18 @@ TEST_F(NerfRender, BrokenCameraPaths) {
   refused(arguments, {"path.json: camera_path", "one frame or more"});
   write_text(path, R"({"render_width": 1e9, "render_height": 8, "camera_path": [{}]})");
   refused(arguments, {"path.json: render_width"});
+  write_text(path, R"({"render_width": 8, "render_height": 8, "camera_path": [{"fov": 50,
+    "aspect": 1, "camera_to_world": [1,0,0,NaN, 0,1,0,0, 0,0,1,0, 0,0,0,1]}]})");
+  refused(arguments, {"path.json:2", "not valid JSON"});
+  const std::string film = (folder_.path() / "path.glb").string();
+  test::SomeGltf gltf;
+  gltf.json["nodes"] = {{{"camera", 0}}};
+  gltf.json["cameras"] = {
+      {{"type", "perspective"}, {"perspective", {{"yfov", 1.0}, {"znear", 0.1}}}}};
+  gltf.animate(0, "translation", {0, 1}, {0, 0, 0, 0, std::numeric_limits<float>::quiet_NaN(), 1},
+               "VEC3");
+  gltf.write(film);
+  refused({run_, "--views", film, "-o", out_}, {"path.glb", "output 1 is not finite"});
   EXPECT_FALSE(fs::exists(out_));
 }
 
@@ -254,6 +268,11 @@ TEST_F(NerfRender, ABrokenObjectLeavesNoFolder) {
   write_text(object, "glTF, or not");
   refused({run_, "-o", out_, "--insert", object}, {"broken.glb"});
   EXPECT_FALSE(fs::exists(out_));
+  const fs::path film = folder_.path() / "films" / "new" / "film.mp4";
+  refused({run_, "-o", out_, "--views", "interpolate", "--mp4", film.string(), "--insert", object},
+          {"broken.glb"});
+  EXPECT_FALSE(fs::exists(out_));
+  EXPECT_FALSE(fs::exists(folder_.path() / "films"));
 }
 
 TEST_F(NerfRender, ADiskThatIsFullLeavesNothingHalfWritten) {

@@ -1,6 +1,10 @@
 // nerf_train as a user runs it: what it writes, how it stops and goes on.
+#include <algorithm>
 #include <csignal>
+#include <cstdlib>
+#include <map>
 
+#include "nerf/io/image.h"
 #include "nerf/kernels/bf16.h"
 #include "nerf/model/radiance_field.h"
 #include "nerf/train/evaluation.h"
@@ -64,6 +68,44 @@ TEST_F(NerfTrain, WritesWhatItPromises) {
   EXPECT_EQ(std::count_if(field.info().views.begin(), field.info().views.end(),
                           [](const ModelView& v) { return v.held_out; }),
             2);
+}
+
+// What it prints of the medium shows the scene as the model does by itself, to the six digits.
+TEST_F(NerfTrain, TheMediumIsToldAsAnArgument) {
+  const std::string demo = std::string(NERF_SOURCE_DIR) + "/data/demo";
+  const ProgramResult result =
+      train(tiny({demo, "-o", run_folder(), "--steps", "60", "--medium", "water"}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const auto medium = nlohmann::json::parse(file("result.json"))["medium"];
+  ASSERT_TRUE(medium.is_object());
+  const std::string option = medium["option"];
+  EXPECT_EQ(option.rfind("water,sigma=", 0), 0u);
+  expect_line(result, "nerf_render RUN --medium " + option);
+  EXPECT_NE(file("report.html").find("--medium " + option), std::string::npos);
+  EXPECT_EQ(medium["backscatter"].size(), 3u);
+  const auto pictures = [&](const std::string& name, const Arguments& more) {
+    Arguments arguments{run_folder(), "-o", run_folder(name), "--size", "60x40", "--no-depth"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProgramResult drawn = run_program(NERF_RENDER_PROGRAM, arguments);
+    EXPECT_EQ(drawn.exit_code, 0) << drawn.err;
+    std::map<std::string, std::vector<uint8_t>> all;
+    for (const auto& entry : fs::recursive_directory_iterator(run_folder(name)))
+      if (entry.path().extension() == ".png")
+        all[entry.path().filename()] = read_image_8bit(entry.path()).pixels;
+    return all;
+  };
+  const auto usual = pictures("usual", {}), told = pictures("told", {"--medium", option}),
+             clear = pictures("clear", {"--medium", "off"});
+  ASSERT_FALSE(usual.empty());
+  ASSERT_EQ(told.size(), usual.size());
+  int difference = 0, of_clear = 0;
+  for (const auto& [name, pixels] : usual)
+    for (size_t i = 0; i < pixels.size(); ++i) {
+      difference = std::max(difference, std::abs(int{pixels[i]} - int{told.at(name)[i]}));
+      of_clear = std::max(of_clear, std::abs(int{pixels[i]} - int{clear.at(name)[i]}));
+    }
+  EXPECT_LE(difference, 1);
+  EXPECT_GT(of_clear, 3);
 }
 
 TEST_F(NerfTrain, ThreadsChangeNothingAndSeedsDo) {

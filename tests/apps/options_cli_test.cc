@@ -30,6 +30,7 @@ struct Options {
   bool depth = true;
   bool quick = false;
   Mode mode = Mode::kSlow;
+  std::string lamp;
   Grid grid;
   template <class V>
   void visit_options(V& v) {
@@ -41,6 +42,7 @@ struct Options {
     v("depth", depth, "depth pictures");
     v("quick", quick, "less of everything", short_name('q'));
     v("mode", mode, "how");
+    v("lamp", lamp, "lights", repeatable());
     v("grid", grid, "grid");
   }
   void check_options() const {
@@ -131,6 +133,9 @@ TEST(OptionsCli, ValuesAreChecked) {
             "--downscale is given twice (remove one of the two)");
   EXPECT_EQ(parse({"lego", "-o", "a", "--out", "b"}).error,
             "--out is given twice (remove one of the two)");
+  EXPECT_EQ(parse({"--lamp", "1,2", "lego", "--lamp=-3,4"}).options.lamp, "1,2 -3,4");
+  EXPECT_EQ(parse({"--lamp", "1,2", "lego", "--lamp=-3,4"}).options.scene, "lego");
+  EXPECT_EQ(parse({"lego", "--lamp"}).error.substr(0, 20), "--lamp needs a value");
   EXPECT_EQ(parse({}).error, "SCENE is missing (what to train on)");
   EXPECT_NE(parse({"lego", "fern"}).error.find("fern"), std::string::npos);
   EXPECT_EQ(parse({"lego", "--depth", "--no-depth"}).error,

@@ -8,6 +8,7 @@
 
 #include "html_page.h"
 #include "light_notes.h"
+#include "medium_notes.h"
 #include "nerf/io/image.h"
 #include "nerf_train_fixture.h"
 #include "report_pictures.h"
@@ -228,6 +229,35 @@ TEST(RunReport, ShowsTheLight) {
     result["light"] = nlohmann::ordered_json::parse(light);
     write_text(run / "result.json", result.dump());
     EXPECT_EQ(report_of(run).find("nan"), std::string::npos) << light;
+  }
+}
+
+TEST(RunReport, ShowsTheMedium) {
+  TempFolder folder;
+  const fs::path run = folder / "run";
+  write_run(run);
+  EXPECT_EQ(report_of(run).find("id=\"medium\""), std::string::npos);
+  Medium water;
+  water.attenuation = {0.5, 0.25, 0.125};
+  water.backscatter = {0.75, 0.5, 0.0625};
+  water.colour = {0, 0.5_r, 1};
+  auto result = nlohmann::ordered_json::parse(read_text(run / "result.json"));
+  result["medium"] = apps::medium_json(water);
+  write_text(run / "result.json", result.dump());
+  const std::string page = report_of(run);
+  expect_self_contained(page);
+  const std::string option =
+      "water,sigma=0.5,0.25,0.125,backscatter=0.75,0.5,0.0625,colour=0,0.5,1";
+  expect_parts(page, {"id=\"medium\"", "attenuation", "0.0625", "--medium " + option});
+  const auto lines = apps::medium_lines(water);
+  ASSERT_EQ(lines.size(), 2u);
+  EXPECT_TRUE(test::contains(lines[0], "attenuation 0.5, 0.25, 0.125, backscatter 0.75"));
+  EXPECT_TRUE(test::contains(lines[1], "nerf_render RUN --medium " + option));
+  // Of another type, or of another program.
+  for (const char* medium : {"3", "{}", R"({"attenuation": 1, "colour": [1, "x"], "option": 3})"}) {
+    result["medium"] = nlohmann::ordered_json::parse(medium);
+    write_text(run / "result.json", result.dump());
+    EXPECT_EQ(report_of(run).find("nan"), std::string::npos) << medium;
   }
 }
 

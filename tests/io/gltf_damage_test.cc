@@ -3,6 +3,7 @@
 // NERF_DAMAGE_SEED=S others than usual.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <limits>
 
@@ -29,6 +30,7 @@ uint64_t number_from(const char* variable, uint64_t otherwise) {
 SomeGltf whole_file() {
   SomeGltf g;
   g.primitive()["attributes"]["NORMAL"] = g.add_floats({0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3");
+  g.primitive()["attributes"]["COLOR_0"] = g.add_floats({1, 0, 0, 0, 1, 0, 0, 0, 1}, "VEC3");
   g.add_skin({1, 0, 0, 0, 0.5f, 0.5f, 0, 0, 0, 1, 0, 0});
   const int base = g.add_floats({0, 0, 1, 0, 0, 0, 0, 0, 0}, "VEC3");
   const int which = g.add(std::vector<uint16_t>{1}, 5123, 1, "SCALAR");
@@ -82,6 +84,11 @@ class GltfDamage : public ::testing::Test {
         for (const auto& t : o.object.mesh.triangles)
           for (const uint32_t v : t) ASSERT_LT(v, o.object.mesh.positions.size());
         for (const Vec3& p : o.object.mesh.positions) ASSERT_LT(length(p), 1e30);
+        for (const Vec3& n : o.object.mesh.normals) ASSERT_LT(length(n), 1.001);
+        for (const auto& set : o.object.uv)
+          for (const Vec2& uv : set) ASSERT_LT(std::hypot(uv.x, uv.y), 1e30);
+        for (const auto& colour : o.object.colours)
+          for (const Real c : colour) ASSERT_LE(std::fabs(c), 1e6);
       };
       check();
       if (!o.motion) return;

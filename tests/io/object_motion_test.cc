@@ -279,7 +279,7 @@ TEST_F(ObjectMotionTest, SaysWhatIsWrong) {
   const auto weights = [](SomeGltf& g) -> Json& {
     return g.primitive()["attributes"]["WEIGHTS_0"];
   };
-  expect("target 0: element 1 is not finite", [](SomeGltf& g) {
+  expect("target 0, POSITION: element 1 is not finite", [](SomeGltf& g) {
     const int target = g.add_floats({0, 0, 0, kNan, 0, 0, 0, 0, 0}, "VEC3");
     g.primitive()["targets"] = {{{"POSITION", target}}};
   });
@@ -294,7 +294,10 @@ TEST_F(ObjectMotionTest, SaysWhatIsWrong) {
   expect("weights are all zero", [&](SomeGltf& g) {
     weights(g) = g.add_floats({1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0}, "VEC4");
   });
-  expect("vertex 1 has a weight of nan", [&](SomeGltf& g) {
+  expect("vertex 1 has a weight of -1", [&](SomeGltf& g) {
+    weights(g) = g.add_floats({1, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0}, "VEC4");
+  });
+  expect("WEIGHTS_0: element 1 is not finite", [&](SomeGltf& g) {
     weights(g) = g.add_floats({1, 0, 0, 0, kNan, 0, 0, 0, 0, 1, 0, 0}, "VEC4");
   });
   expect("and no WEIGHTS_0", [](SomeGltf& g) { g.primitive()["attributes"].erase("WEIGHTS_0"); });

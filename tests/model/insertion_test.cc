@@ -1,70 +1,29 @@
-// Objects in pictures: closed forms of media, shadows and light.
+// Objects in pictures: closed forms of what is before and behind them.
 #include "nerf/model/insertion.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
-#include "math/worst_error.h"
 #include "model/analytic_field.h"
 #include "model/exact_options.h"
 #include "model/homogeneous_field.h"
 #include "model/object_light.h"
-#include "nerf/math/srgb.h"
-#include "nerf/model/network_field.h"
+#include "model/some_objects.h"
 #include "support/cameras.h"
 
 namespace nerf {
 namespace {
 
+using test::add_rectangle;
+using test::along_x;
+using test::box_around;
 using test::exact_options;
-
-using internal::Environment;
-
-// A rectangle from corner a along u and v; its outside is where u, v and it make a right hand.
-void add_rectangle(const Vec3& a, const Vec3& u, const Vec3& v, int32_t material,
-                   SceneObject& object) {
-  const auto first = static_cast<uint32_t>(object.mesh.positions.size());
-  for (const Vec3& p : {a, a + u, a + u + v, a + v}) object.mesh.positions.push_back(p);
-  object.mesh.triangles.push_back({first, first + 1, first + 2});
-  object.mesh.triangles.push_back({first, first + 2, first + 3});
-  object.material.insert(object.material.end(), 2, material);
-}
-
-Material unlit(const Vec3d& srgb, double alpha = 1) {
-  Material m;
-  m.base = srgb_to_linear(srgb);
-  m.alpha = alpha;
-  m.alpha_mode = AlphaMode::kBlend;
-  m.double_sided = m.unlit = true;
-  return m;
-}
-
-// Upright at x, across the way of a camera that looks along x.
-SceneObject screen(Real x, double alpha, Real half = 3) {
-  SceneObject object;
-  object.materials = {unlit({0.2, 0.4, 0.9}, alpha)};
-  add_rectangle({x, -half, -half}, {0, 2 * half, 0}, {0, 0, 2 * half}, 0, object);
-  return object;
-}
-
-// At (-3, 0, 0) or elsewhere, along x, z up.
-Pose along_x(double x = -3) {
-  Pose pose;
-  pose.rotation.m = {{{0, 0, 1}, {-1, 0, 0}, {0, -1, 0}}};
-  pose.translation = {x, 0, 0};
-  return pose;
-}
-
-Camera narrow() { return test::pinhole(9, 9, 200); }
-size_t middle_of(const Frame& f) { return f.alpha.size() / 2; }
-
-InsertionOptions without_shadows() {
-  InsertionOptions o;
-  o.shadows = false;
-  return o;
-}
+using test::middle_of;
+using test::narrow;
+using test::screen;
+using test::unlit;
+using test::without_shadows;
 
 // The medium of density 1 from -1 to 1, colour 0.5.
 TEST(Insertion, AnOpaqueScreenInAMediumHasItsClosedForm) {
@@ -124,22 +83,6 @@ TEST(Insertion, WithAlphaZeroItChangesNoBit) {
   EXPECT_EQ(with.rgb, without.rgb);
   EXPECT_EQ(with.alpha, without.alpha);
   EXPECT_EQ(with.depth_z, without.depth_z);
-}
-
-SceneObject box_around(const Vec3& centre, Real half) {
-  SceneObject object;
-  object.materials = {unlit({1, 0, 0})};
-  for (int axis = 0; axis < 3; ++axis)
-    for (const Real side : {-1.0_r, 1.0_r}) {
-      Vec3 a = centre - Vec3{half, half, half}, u, v;
-      if (side > 0) a[axis] += 2 * half;
-      u[(axis + 1) % 3] = v[(axis + 2) % 3] = 2 * half;
-      if (side > 0)
-        add_rectangle(a, u, v, 0, object);
-      else
-        add_rectangle(a, v, u, 0, object);
-    }
-  return object;
 }
 
 // A box that stands halfway in an opaque ball: where each is seen, to a pixel.
@@ -294,84 +237,6 @@ TEST(Insertion, LayersHoldTheObject) {
   for (const DeepSample& s : layers.deep[p]) sum += s.weight;
   EXPECT_NEAR(sum, 1, 1e-4);
   EXPECT_NEAR(layers.deep[p].back().front, 2.2, 1e-3);
-}
-
-TEST(Environment, IsItsClosedForms) {
-  const Environment grey(Vec3d{0.2, 0.5, 0.7});
-  const Environment sloped =
-      Environment::from([](const Vec3d& d) { return Vec3d{1 + d.z, 1 + d.x, 1}; });
-  for (const Vec3d& n : {Vec3d{0, 0, 1}, normalized(Vec3d{1, -2, 0.5}), Vec3d{-1, 0, 0}}) {
-    EXPECT_NEAR(grey.diffuse(n).y, 0.5, 2e-3);
-    for (const double roughness : {0.0, 0.5, 1.0})
-      EXPECT_NEAR(grey.mirrored(n, roughness).z, 0.7, 2e-3);
-    // Irradiance over pi of 1 + z: 1 + 2/3 of the normal's z.
-    EXPECT_NEAR(sloped.diffuse(n).x, 1 + 2.0 / 3 * n.z, 5e-3);
-    EXPECT_NEAR(sloped.diffuse(n).y, 1 + 2.0 / 3 * n.x, 5e-3);
-    EXPECT_NEAR(sloped.radiance(n).y, 1 + n.x, 0.01);
-  }
-}
-
-// A black disc of radius r at height h above a floor, under an even sky: the point below its centre
-// loses r^2 / (r^2 + h^2) of the light.
-TEST(Insertion, CastsTheShadowOfADisc) {
-  constexpr double kFloor = -0.5, kRadius = 0.2, kHeight = 0.25;
-  const RadianceField field =
-      test::surface_field(Similarity(), [](const Vec3d& p) { return p.z - kFloor; });
-  SceneObject disc;
-  Material black = unlit({0, 0, 0});
-  black.unlit = false;
-  disc.materials = {black};
-  constexpr uint32_t kSides = 64;
-  const Real z = static_cast<Real>(kFloor + kHeight);
-  disc.mesh.positions.push_back({0, 0, z});
-  for (uint32_t i = 0; i < kSides; ++i) {
-    const double a = 2 * std::numbers::pi * i / kSides;
-    disc.mesh.positions.push_back(
-        {static_cast<Real>(kRadius * std::cos(a)), static_cast<Real>(kRadius * std::sin(a)), z});
-    disc.mesh.triangles.push_back({0, 1 + i, 1 + (i + 1) % kSides});
-    disc.material.push_back(0);
-  }
-  ThreadPool pool(2);
-  RenderOptions options = exact_options();
-  InsertionOptions many;
-  many.shadow_rays = 400;
-  const Insertion above(field, disc, many, options, pool);
-  // From the side, at the point below the centre.
-  Pose pose;
-  const Vec3d forward = normalized(Vec3d{1, 0, -0.4}), from = Vec3d{0, 0, kFloor} - forward * 2.0;
-  pose.rotation.set_column(0, {0, -1, 0});
-  pose.rotation.set_column(1, cross(forward, Vec3d{0, -1, 0}));
-  pose.rotation.set_column(2, forward);
-  pose.translation = from;
-  const Camera camera = test::pinhole(41, 41, 800);
-  const Frame plain = render(field, camera, pose, options, pool);
-  const Frame f = render(field, camera, pose, options, pool, {}, nullptr, &above);
-  const size_t p = middle_of(f);
-  const double left = srgb_to_linear(static_cast<double>(f.rgb[3 * p])) /
-                      srgb_to_linear(static_cast<double>(plain.rgb[3 * p]));
-  const double expected = 1 - kRadius * kRadius / (kRadius * kRadius + kHeight * kHeight);
-  // Nine harmonics say of a half-white sphere's light to 2 %; the floor sends some back.
-  EXPECT_NEAR(left, expected, 0.04);
-}
-
-TEST(Insertion, AWhiteBallInEvenLightIsWhite) {
-  const RadianceField field = test::homogeneous_field(Similarity(), true);
-  ThreadPool pool(2);
-  const RenderOptions options = exact_options();  // white
-  SceneObject object = box_around({-5, 0, 0}, 0.2_r);
-  object.materials[0] = {};
-  object.materials[0].metallic = 0;
-  object.materials[0].base = {0.25, 0.5, 1};
-  InsertionOptions plain;
-  plain.field_light = false;
-  plain.lights = {{{-1, 0, 0}, {1, 1, 1}}};
-  const Insertion lit(field, object, plain, options, pool);
-  const Frame f = render(field, narrow(), along_x(-8), options, pool, {}, nullptr, &lit);
-  const size_t p = middle_of(f);
-  // Head on, rough: the base colour and what 4 % of the light a rough surface mirrors.
-  for (size_t k = 0; k < 3; ++k)
-    EXPECT_NEAR(srgb_to_linear(static_cast<double>(f.rgb[3 * p + k])),
-                std::min(1.0, object.materials[0].base[static_cast<int>(k)] + 0.01), 0.01);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "geometry/mesh_measures.h"
@@ -112,6 +113,106 @@ TEST(Surface, HasTheSameBitsForAnyThreads) {
   EXPECT_EQ(a.positions, b.positions);
   EXPECT_EQ(a.triangles, b.triangles);
   EXPECT_EQ(a.colours, b.colours);
+}
+
+// Fog before half of a wall: where it stands light is stopped over all of its depth, and the
+// median, which lies in it, is no surface.
+TEST(Surface, LeavesOutPixelsWhoseLightIsStoppedOverFar) {
+  constexpr double kWall = -0.3, kDensity = 1.5;
+  const Box3 fog{{-0.25, 0.05, -0.6}, {0.55, 0.6, 0.6}};
+  // The distance at which surface_field() is so dense; e^(-1.5 * 0.8) gets through all of it.
+  const double thin = std::log(2000 * std::log(2.0) / kDensity) / 2000;
+  const RadianceField half = test::surface_field(Similarity(), [&](const Vec3d& p) {
+    double outside = 0;
+    for (int k = 0; k < 3; ++k) outside = std::max({outside, fog.min[k] - p[k], p[k] - fog.max[k]});
+    return std::min(p.x - kWall, thin + outside);
+  });
+  ModelInfo info = half.info();
+  ModelView view;
+  view.name = "a";
+  view.camera = test::pinhole(90, 80, 150);
+  view.pose = test::looking_at({2.5, 0.02, 0.01}, {});
+  info.views = {view};
+  const RadianceField field(info, std::make_shared<GridField>(half.grid()));
+  ThreadPool pool(2);
+  const SurfaceWork work{pool};
+  const auto views =
+      depth_views(field, region_of(field, {{-1, -1, -1}, {1, 1, 1}}), options_of(64), work);
+  ASSERT_EQ(views.size(), 1u);
+  const DepthView& seen = views[0];
+  const Vec3d o = seen.to_world.translation;
+  int left_out = 0, walls = 0;
+  for (int y = 0; y < seen.height; ++y)
+    for (int x = 0; x < seen.width; ++x) {
+      const Vec3d d = seen.to_world.rotation * seen.direction(x, y);  // to a depth of 1
+      const double wall = (kWall - o.x) / d.x;
+      const Vec3d at = o + d * wall;
+      if (std::max(std::fabs(at.y), std::fabs(at.z)) > 0.9) continue;
+      const auto inside = [&](double margin) {  // how much of the way is in the fog
+        double near = 0, far = wall;
+        for (int k = 0; k < 3; ++k) {
+          const double a = (fog.min[k] - margin - o[k]) / d[k],
+                       b = (fog.max[k] + margin - o[k]) / d[k];
+          near = std::max(near, std::min(a, b));
+          far = std::min(far, std::max(a, b));
+        }
+        return far - near;
+      };
+      const float depth = seen.depth[static_cast<size_t>(y * seen.width + x)];
+      // The fog's border is a vertex' distance wide.
+      if (inside(-0.03) > 0.65) {
+        ++left_out;
+        EXPECT_EQ(depth, DepthView::kUnknown) << x << ", " << y;
+      } else if (inside(0.03) < 0) {
+        ++walls;
+        EXPECT_NEAR(depth, wall, 0.01) << x << ", " << y;
+      }
+    }
+  EXPECT_GT(left_out, 200);
+  EXPECT_GT(walls, 500);
+}
+
+// A ball on a round table in the middle of a dome: the region is that of ball and table, which all
+// cameras see. Photos with alpha show nothing that is not meant, so that theirs is everything.
+TEST(Surface, FindsTheObjectAndItsTableWithoutTheDome) {
+  constexpr double kDome = 0.93, kBall = 0.12, kTable = 0.25, kTop = -0.2, kRim = 0.06;
+  const RadianceField scene = test::surface_field(Similarity(), [](const Vec3d& p) {
+    const double ball = length(p - Vec3d{0, 0, kTop + kBall}) - kBall;
+    const double table = std::max({std::hypot(p.x, p.y) - kTable, p.z - kTop, kTop - kRim - p.z});
+    return std::min({ball, table, kDome - length(p)});
+  });
+  ThreadPool pool(2);
+  const SurfaceWork work{pool};
+  const auto region = [&](bool alpha) {
+    ModelInfo info = scene.info();
+    info.alpha = alpha;
+    for (int i = 0; i < 16; ++i) {
+      const double a = 2 * std::acos(-1.0) * i / 16;
+      ModelView view;
+      view.name = std::to_string(i);
+      view.camera = test::pinhole(90, 80, 70);
+      view.pose =
+          test::looking_at({0.55 * std::cos(a), 0.55 * std::sin(a), 0.05}, {0, 0, kTop + 0.05});
+      info.views.push_back(view);
+    }
+    return find_region(RadianceField(info, std::make_shared<GridField>(scene.grid())),
+                       options_of(64), work)
+        .box;
+  };
+  // 5 % of the longest side is added on each, and the outermost hundredth of the points left away.
+  const Box3 box = region(false);
+  const double margin = 0.05 * 2 * kTable;
+  for (int k = 0; k < 2; ++k) {
+    EXPECT_NEAR(box.max[k], kTable + margin, 0.04);
+    EXPECT_NEAR(box.min[k], -kTable - margin, 0.04);
+  }
+  EXPECT_NEAR(box.max.z, kTop + 2 * kBall + margin, 0.04);
+  // The table's rim is seen by half of the cameras.
+  EXPECT_LT(box.min.z, kTop - margin + 0.01);
+  EXPECT_GT(box.min.z, kTop - kRim - margin - 0.01);
+  const Box3 all = region(true);
+  EXPECT_GT(all.max.x, 0.8);
+  EXPECT_LT(all.min.y, -0.8);
 }
 
 TEST(Surface, SaysWhereThereIsNone) {

@@ -69,6 +69,7 @@ struct OptionField {
   std::string metavar;      // of the value in the help; empty: from the type
   bool positional = false;  // also given without its name
   bool required = false;    // must be given
+  bool repeatable = false;  // kText: may be given several times; a space stands between the texts
   std::string heading;      // of the help that the field stands under
   std::string brief;        // the help of those who only begin; empty: the field is not in it
 
@@ -125,6 +126,10 @@ inline auto positional() {
 }
 inline auto required() {
   return [](OptionField& f) { f.required = true; };
+}
+
+inline auto repeatable() {
+  return [](OptionField& f) { f.repeatable = true; };
 }
 
 // Lists the field in the short help too, with this text.

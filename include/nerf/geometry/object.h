@@ -28,6 +28,8 @@ struct Texture {
 struct TextureUse {
   int texture = -1;  // index into SceneObject::textures; below 0: none
   int uv = 0;        // which of the vertices' coordinates
+  // Where on the texture coordinates (u, v) are: origin + along_u * u + along_v * v.
+  Vec2d origin{0, 0}, along_u{1, 0}, along_v{0, 1};
 };
 
 enum class AlphaMode { kOpaque, kMask, kBlend };
