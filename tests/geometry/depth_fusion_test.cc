@@ -14,7 +14,7 @@
 namespace nerf {
 namespace {
 
-using test::kSphereRadius;
+using test::kShapeRadius;
 using test::looking_at;
 using test::plane_at;
 using test::sphere_views;
@@ -32,9 +32,9 @@ TEST(DepthFusion, FindsASphere) {
       fuse_depths(sphere_views(), grid, {.truncation = 4 * grid.spacing}, kMuch, pool);
   EXPECT_LT(volume.blocks().size(), static_cast<size_t>(volume.block_count()) / 2);
   const TriangleMesh mesh = marching_cubes(volume, pool);
-  EXPECT_NEAR(test::area(mesh), 4 * 3.14159 * kSphereRadius * kSphereRadius, 0.1);
+  EXPECT_NEAR(test::area(mesh), 4 * 3.14159 * kShapeRadius * kShapeRadius, 0.1);
   EXPECT_LT(test::mean_distance(
-                mesh, [](const Vec3d& p) { return std::fabs(length(p) - kSphereRadius); }),
+                mesh, [](const Vec3d& p) { return std::fabs(length(p) - kShapeRadius); }),
             0.2 * grid.spacing);
 }
 

@@ -24,7 +24,7 @@ TEST(PointsFromDepths, StandOnASphereWithItsNormals) {
   double off = 0, turned = 0;
   for (size_t i = 0; i < cloud.positions.size(); ++i) {
     const Vec3d p = cloud.positions[i].cast<double>();
-    off += std::fabs(length(p) - test::kSphereRadius);
+    off += std::fabs(length(p) - test::kShapeRadius);
     turned += std::acos(std::min(1.0, dot(normalized(p), cloud.normals[i].cast<double>())));
   }
   const double n = static_cast<double>(cloud.positions.size());

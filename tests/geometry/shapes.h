@@ -9,7 +9,7 @@
 
 namespace nerf::test {
 
-inline constexpr double kSphereRadius = 0.7;
+inline constexpr double kShapeRadius = 0.7;
 
 inline Pose looking_at(const Vec3d& from, const Vec3d& at) {
   const Vec3d forward = normalized(at - from);
@@ -40,7 +40,7 @@ inline DepthView view_of(const Shape& shape, const Pose& pose, int side = 120, d
 }
 
 inline double sphere(const Vec3d& o, const Vec3d& d) {
-  const double b = dot(o, d), c = dot(o, o) - kSphereRadius * kSphereRadius, root = b * b - c;
+  const double b = dot(o, d), c = dot(o, o) - kShapeRadius * kShapeRadius, root = b * b - c;
   return root < 0 ? double{DepthView::kNothing} : -b - std::sqrt(root);
 }
 
