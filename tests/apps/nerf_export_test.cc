@@ -1,6 +1,9 @@
 // nerf_export as a process, and its files in nerf_render's pictures.
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+#include <sstream>
+
 #include "nerf/geometry/object.h"
 #include "nerf/io/image.h"
 #include "nerf/io/object_file.h"
@@ -69,6 +72,39 @@ TEST_F(NerfExport, WritesAMeshThatCanBeInserted) {
   const auto plain = render("plain", {});
   EXPECT_NE(render("with", {"--insert", glb, "--at", "0.2,0,0.3"}), plain);
   EXPECT_EQ(render("far", {"--insert", glb, "--at", "1000,0,0"}), plain);
+}
+
+// Two readers that share no code with ours: assimp checks what it has read, and gltfpack whether
+// accessors, views, indices and chunks of a GLB fit each other.
+TEST_F(NerfExport, OtherReadersTakeItsMeshes) {
+  for (const std::string name : {"mesh.glb", "mesh.ply"}) {
+    SCOPED_TRACE(name);
+    const auto written = export_program(
+        {"mesh", run(), "-o", out(name), "--resolution", "48", "--triangles", "600"});
+    ASSERT_EQ(written.exit_code, 0) << written.err;
+    std::istringstream counts(written.lines().back());  // "598 triangles, 373 vertices: FILE"
+    std::string triangles, vertices, word;
+    counts >> triangles >> word >> vertices;
+    EXPECT_GT(std::atoi(triangles.c_str()), 100);
+    const auto read = testing_apps::run_program("/usr/bin/env", {"assimp", "info", out(name)});
+    const std::string said = read.out + read.err;
+    EXPECT_EQ(read.exit_code, 0) << said << "\nscripts/install-deps installs assimp-utils";
+    for (const std::string& line :
+         {"Vertices:           " + vertices + "\n", "Faces:              " + triangles + "\n",
+          std::string("Primitive Types:    triangles\n")})
+      EXPECT_NE(said.find(line), std::string::npos) << line << said;
+    for (const char* complaint : {"warn", "Warn", "WARN", "error", "Error", "ERROR"})
+      EXPECT_EQ(said.find(complaint), std::string::npos) << said;
+    if (name == "mesh.ply") continue;
+    const auto packed = testing_apps::run_program(
+        "/usr/bin/env", {"gltfpack", "-v", "-noq", "-i", out(name), "-o", out("packed.glb")});
+    EXPECT_EQ(packed.exit_code, 0) << packed.err << "\nscripts/install-deps installs gltfpack";
+    EXPECT_NE(packed.out.find("1 mesh primitives (" + triangles + " triangles, " + vertices +
+                              " vertices)"),
+              std::string::npos)
+        << packed.out;
+    EXPECT_EQ(packed.err, "");
+  }
 }
 
 TEST_F(NerfExport, WritesTheSameBytesForAnyThreads) {
