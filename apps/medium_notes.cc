@@ -24,11 +24,12 @@ nlohmann::ordered_json numbers(const Vec3d& v) {
 
 }  // namespace
 
-std::vector<std::string> medium_lines(const Medium& medium) {
+std::vector<std::string> medium_lines(const std::optional<Medium>& medium) {
+  if (!medium) return {};
   return {fmt::format("medium      attenuation {}, backscatter {} per input unit, colour {}",
-                      three(medium.attenuation), three(medium.backscatter),
-                      three(medium.colour.cast<double>())),
-          "            a clear scene through it: nerf_render RUN --medium " + medium_text(medium)};
+                      three(medium->attenuation), three(medium->backscatter),
+                      three(medium->colour.cast<double>())),
+          "            a clear scene through it: nerf_render RUN --medium " + medium_text(*medium)};
 }
 
 nlohmann::ordered_json medium_json(const Medium& medium) {

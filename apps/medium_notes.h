@@ -3,6 +3,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -10,8 +11,8 @@
 
 namespace nerf::apps {
 
-// For the screen.
-std::vector<std::string> medium_lines(const Medium& medium);
+// For the screen; none of no medium.
+std::vector<std::string> medium_lines(const std::optional<Medium>& medium);
 
 // Of result.json: coefficients by channel, 1 / input unit, the colour, and "option", the medium as
 // nerf_render's --medium takes it.

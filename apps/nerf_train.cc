@@ -306,8 +306,7 @@ class Training {
                          photos_.decode_seconds, run.evaluation_seconds, run.saving_seconds));
     for (const std::string& line : score_lines(summary_.evaluation)) log_info(line);
     for (const std::string& line : light_lines(summary_.light)) log_info(line);
-    if (summary_.medium)
-      for (const std::string& line : medium_lines(*summary_.medium)) log_info(line);
+    for (const std::string& line : medium_lines(summary_.medium)) log_info(line);
     write_left_out();
     log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())

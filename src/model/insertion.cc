@@ -7,6 +7,7 @@
 #include "model/medium_ray.h"
 #include "model/object_light.h"
 #include "model/object_pixels.h"
+#include "model/object_shading.h"
 #include "model/object_shadow.h"
 #include "nerf/base/error.h"
 #include "nerf/math/srgb.h"
@@ -56,16 +57,6 @@ struct Sight {
     }
   }
 };
-
-// Environment reflected by a surface: scale and offset of its colour at normal incidence (Karis
-// 2014's fit).
-Vec3d reflectance(const Vec3d& facing, double roughness, double cosine) {
-  const double r0 = 1 - roughness, r1 = 0.0425 - 0.0275 * roughness, r2 = 1.04 - 0.572 * roughness,
-               r3 = 0.022 * roughness - 0.04;
-  const double a = std::min(r0 * r0, std::exp2(-9.28 * cosine)) * r0 + r1;
-  const double scale = -1.04 * a + r2, offset = 1.04 * a + r3;
-  return facing * scale + Vec3d{offset, offset, offset};
-}
 
 Vec3d times(const Vec3d& a, const Vec3d& b) { return {a.x * b.x, a.y * b.y, a.z * b.z}; }
 
@@ -149,7 +140,7 @@ struct Insertion::Impl {
     const double open = open_at(hit), cosine = std::max(1e-3, -dot(normal, ray.direction));
     const Vec3d albedo = s.base * (1 - s.metallic);
     const Vec3d facing = Vec3d{0.04, 0.04, 0.04} * (1 - s.metallic) + s.base * s.metallic;
-    const Vec3d mirrors = reflectance(facing, s.roughness, cosine);
+    const Vec3d mirrors = internal::reflectance(facing, s.roughness, cosine);
     const Vec3d reflected = normalized(ray.direction - normal * (2 * dot(normal, ray.direction)));
     met.light = s.emissive + times(albedo, around.diffuse(normal)) * open;
     for (const DistantLight& light : options.lights)
@@ -174,28 +165,17 @@ struct Insertion::Impl {
     return met;
   }
 
-  // Lambert, and GGX with the terms of glTF 2.0's appendix B.
   Vec3d directly(const DistantLight& light, const SurfacePoint& s, const Vec3d& normal,
                  const Vec3d& albedo, const Vec3d& facing, const Vec3d& above,
                  const Vec3d& direction) const {
-    const double nl = dot(normal, light.towards);
-    if (!(nl > 0)) return {};
-    const double through = internal::transmitted(object, bvh, above, light.towards, 0, kInfinity);
-    if (!(through > 0)) return {};
-    const Vec3d half = normalized(light.towards - direction);
-    const double nh = std::max(0.0, dot(normal, half)), vh = std::max(0.0, -dot(direction, half));
-    const double nv = std::max(1e-3, -dot(normal, direction));
-    const double alpha = std::max(1e-3, s.roughness * s.roughness), a2 = alpha * alpha;
-    const double spread = nh * nh * (a2 - 1) + 1;
-    const double d = a2 / (spread * spread);  // times pi
-    const double v =
-        0.5 / (nl * std::sqrt(nv * nv * (1 - a2) + a2) + nv * std::sqrt(nl * nl * (1 - a2) + a2));
-    const Vec3d fresnel = facing + (Vec3d{1, 1, 1} - facing) * std::pow(1 - vh, 5);
-    return times(light.light, albedo + fresnel * (d * v)) * (nl * through);
+    const Vec3d sent =
+        internal::sent_of_distant(light.towards, s, normal, albedo, facing, direction);
+    if (sent == Vec3d()) return {};
+    return times(light.light, sent) *
+           internal::transmitted(object, bvh, above, light.towards, 0, kInfinity);
   }
 
-  // All surfaces on a ray that are there, seen from where they are seen, up to the first opaque
-  // one.
+  // The surfaces on a ray, seen from where they can be seen, up to the first opaque one.
   std::vector<Met> surfaces(const Ray& ray) const {
     std::vector<Met> met;
     double near = 0;
