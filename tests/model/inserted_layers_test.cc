@@ -2,11 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
 #include "model/analytic_field.h"
 #include "model/exact_options.h"
 #include "model/homogeneous_field.h"
+#include "model/some_objects.h"
 #include "nerf/math/srgb.h"
 #include "nerf/model/insertion.h"
 #include "support/cameras.h"
@@ -14,59 +14,20 @@
 namespace nerf {
 namespace {
 
+using test::along_x;
 using test::exact_options;
+using test::middle_of;
+using test::narrow;
+using test::without_shadows;
 
 constexpr double kNearScreen = -0.5, kFarScreen = 0.2;  // at these x
 constexpr double kNearAlpha = 0.25, kFarAlpha = 0.5;
 
-// Two screens across x, unlit.
 SceneObject two_screens() {
-  SceneObject object;
-  for (const bool far : {false, true}) {
-    Material m;
-    m.base = far ? Vec3d{0.8, 0.1, 0.3} : Vec3d{0.2, 0.4, 0.9};
-    m.alpha = far ? kFarAlpha : kNearAlpha;
-    m.alpha_mode = AlphaMode::kBlend;
-    m.double_sided = m.unlit = true;
-    object.materials.push_back(m);
-    const Real x = static_cast<Real>(far ? kFarScreen : kNearScreen);
-    const auto first = static_cast<uint32_t>(object.mesh.positions.size());
-    for (const Vec3& p : {Vec3{x, -3, -3}, Vec3{x, 3, -3}, Vec3{x, 3, 3}, Vec3{x, -3, 3}})
-      object.mesh.positions.push_back(p);
-    object.mesh.triangles.push_back({first, first + 1, first + 2});
-    object.mesh.triangles.push_back({first, first + 2, first + 3});
-    object.material.insert(object.material.end(), 2, far ? 1 : 0);
-  }
-  return object;
-}
-
-// Black, at height z.
-SceneObject disc_at(Real z, double radius) {
-  SceneObject object;
-  Material black;
-  black.base = {0, 0, 0};
-  black.double_sided = true;
-  object.materials = {black};
-  object.mesh.positions.push_back({0, 0, z});
-  constexpr uint32_t kSides = 64;
-  for (uint32_t i = 0; i < kSides; ++i) {
-    const double a = 2 * std::numbers::pi * i / kSides;
-    object.mesh.positions.push_back(
-        {static_cast<Real>(radius * std::cos(a)), static_cast<Real>(radius * std::sin(a)), z});
-    object.mesh.triangles.push_back({0, 1 + i, 1 + (i + 1) % kSides});
-    object.material.push_back(0);
-  }
-  return object;
-}
-
-// From `from`, in the direction of `forward` (in the plane of x and z), z up.
-Pose looking(const Vec3d& from, const Vec3d& forward) {
-  Pose pose;
-  pose.rotation.set_column(0, {0, -1, 0});
-  pose.rotation.set_column(1, cross(forward, Vec3d{0, -1, 0}));
-  pose.rotation.set_column(2, forward);
-  pose.translation = from;
-  return pose;
+  SceneObject two = test::screen(static_cast<Real>(kNearScreen), kNearAlpha);
+  two.materials.push_back(test::unlit({0.8, 0.1, 0.3}, kFarAlpha));
+  test::add_rectangle({static_cast<Real>(kFarScreen), -3, -3}, {0, 6, 0}, {0, 0, 6}, 1, two);
+  return two;
 }
 
 // The medium of density 1 between x = -1 and 1, seen from x = -3: with two screens in it the light
@@ -77,11 +38,8 @@ class ScreensInAMedium : public testing::Test {
     RenderOptions options = exact_options();
     options.layers = layers;
     options.supersample = supersample;
-    InsertionOptions insertion;
-    insertion.shadows = false;
-    const Insertion screens(field_, two_screens(), insertion, options, pool_);
-    return render(field_, test::pinhole(9, 9, 200), looking({-3, 0, 0}, {1, 0, 0}), options, pool_,
-                  {}, nullptr, &screens);
+    const Insertion screens(field_, two_screens(), without_shadows(), options, pool_);
+    return render(field_, narrow(), along_x(), options, pool_, {}, nullptr, &screens);
   }
   const RadianceField field_ = test::homogeneous_field(Similarity());
   ThreadPool pool_{2};
@@ -128,7 +86,7 @@ TEST_F(ScreensInAMedium, AreDeepSamplesAmongTheMediums) {
       EXPECT_EQ(s.front, s.back);
       EXPECT_NEAR(s.front, 3 + (screens == 0 ? kNearScreen : kFarScreen), 1e-5);
       EXPECT_NEAR(s.weight, screens == 0 ? kNearAlpha * first_ : kFarAlpha * second_, 2e-4);
-      EXPECT_NEAR(s.rgb[2] / s.weight, linear_to_srgb(screens == 0 ? 0.9 : 0.3), 1e-3);
+      EXPECT_NEAR(s.rgb[2] / s.weight, screens == 0 ? 0.9 : 0.3, 1e-3);
       ++screens;
     } else {
       (screens == 0 ? before_first : screens == 1 ? between : behind) += s.weight;
@@ -159,13 +117,11 @@ TEST(InsertedLayers, TheNormalIsWhereHalfOfTheLightStops) {
   object.materials[1].alpha = 0;  // 0.75 of the light reach the wall behind both
   // The wall is square to the way; the near screen leans.
   for (size_t i = 2; i < 4; ++i) object.mesh.positions[i].x += 1.5_r;
-  InsertionOptions insertion;
-  insertion.shadows = false;
-  const Insertion screens(field, object, insertion, options, pool);
-  const Frame f = render(field, test::pinhole(9, 9, 200), looking({-3, 0, 0}, {1, 0, 0}), options,
-                         pool, {}, nullptr, &screens);
-  EXPECT_NEAR(f.layers.distance[40], 3.6, 0.01);
-  EXPECT_NEAR(f.layers.normal[3 * 40], -1, 0.01);
+  const Insertion screens(field, object, without_shadows(), options, pool);
+  const Frame f = render(field, narrow(), along_x(), options, pool, {}, nullptr, &screens);
+  const size_t p = middle_of(f);
+  EXPECT_NEAR(f.layers.distance[p], 3.6, 0.01);
+  EXPECT_NEAR(f.layers.normal[3 * p], -1, 0.01);
 }
 
 // The point below the middle of a disc of radius r at height h loses r^2 / (r^2 + h^2) of an even
@@ -179,13 +135,10 @@ TEST(InsertedLayers, TheShadowIsWhatTheFieldIsMultipliedBy) {
   options.layers = Layers{.apart = true};
   InsertionOptions many;
   many.shadow_rays = 400;
-  const Insertion disc(field, disc_at(static_cast<Real>(kFloor + kHeight), kRadius), many, options,
-                       pool);
-  const Vec3d forward = normalized(Vec3d{1, 0, -0.4});
-  const Frame f = render(field, test::pinhole(41, 41, 800),
-                         looking(Vec3d{0, 0, kFloor} - forward * 2.0, forward), options, pool, {},
-                         nullptr, &disc);
-  const size_t p = f.alpha.size() / 2;
+  const Insertion disc(field, test::black_disc(kFloor + kHeight, kRadius), many, options, pool);
+  const Frame f = render(field, test::pinhole(41, 41, 800), test::from_above({0, 0, kFloor}),
+                         options, pool, {}, nullptr, &disc);
+  const size_t p = middle_of(f);
   // As in Insertion.CastsTheShadowOfADisc.
   EXPECT_NEAR(f.layers.shadow[3 * p],
               1 - kRadius * kRadius / (kRadius * kRadius + kHeight * kHeight), 0.04);

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "geometry/shapes.h"
 #include "model/analytic_field.h"
@@ -50,32 +49,12 @@ TEST(Insertion, CastsTheShadowOfADisc) {
   constexpr double kFloor = -0.5, kRadius = 0.2, kHeight = 0.25;
   const RadianceField field =
       test::surface_field(Similarity(), [](const Vec3d& p) { return p.z - kFloor; });
-  SceneObject disc;
-  Material black = unlit({0, 0, 0});
-  black.unlit = false;
-  disc.materials = {black};
-  constexpr uint32_t kSides = 64;
-  const Real z = static_cast<Real>(kFloor + kHeight);
-  disc.mesh.positions.push_back({0, 0, z});
-  for (uint32_t i = 0; i < kSides; ++i) {
-    const double a = 2 * std::numbers::pi * i / kSides;
-    disc.mesh.positions.push_back(
-        {static_cast<Real>(kRadius * std::cos(a)), static_cast<Real>(kRadius * std::sin(a)), z});
-    disc.mesh.triangles.push_back({0, 1 + i, 1 + (i + 1) % kSides});
-    disc.material.push_back(0);
-  }
   ThreadPool pool(2);
   RenderOptions options = exact_options();
   InsertionOptions many;
   many.shadow_rays = 400;
-  const Insertion above(field, disc, many, options, pool);
-  // From the side, at the point below the centre.
-  Pose pose;
-  const Vec3d forward = normalized(Vec3d{1, 0, -0.4}), from = Vec3d{0, 0, kFloor} - forward * 2.0;
-  pose.rotation.set_column(0, {0, -1, 0});
-  pose.rotation.set_column(1, cross(forward, Vec3d{0, -1, 0}));
-  pose.rotation.set_column(2, forward);
-  pose.translation = from;
+  const Insertion above(field, test::black_disc(kFloor + kHeight, kRadius), many, options, pool);
+  const Pose pose = test::from_above({0, 0, kFloor});
   const Camera camera = test::pinhole(41, 41, 800);
   const Frame plain = render(field, camera, pose, options, pool);
   const Frame f = render(field, camera, pose, options, pool, {}, nullptr, &above);

@@ -1,5 +1,9 @@
-// For tests: objects of rectangles and the camera that looks at them.
+// For tests: simple objects and the cameras that look at them.
 #pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <numbers>
 
 #include "nerf/geometry/object.h"
 #include "nerf/math/srgb.h"
@@ -66,6 +70,34 @@ inline SceneObject box_around(const Vec3& centre, Real half) {
         add_rectangle(a, v, u, 0, object);
     }
   return object;
+}
+
+// Black, at height z.
+inline SceneObject black_disc(double z, double radius) {
+  SceneObject disc;
+  disc.materials = {unlit({0, 0, 0})};
+  disc.materials[0].unlit = false;
+  constexpr uint32_t kSides = 64;
+  disc.mesh.positions.push_back({0, 0, static_cast<Real>(z)});
+  for (uint32_t i = 0; i < kSides; ++i) {
+    const double a = 2 * std::numbers::pi * i / kSides;
+    disc.mesh.positions.push_back(
+        Vec3d{radius * std::cos(a), radius * std::sin(a), z}.cast<Real>());
+    disc.mesh.triangles.push_back({0, 1 + i, 1 + (i + 1) % kSides});
+    disc.material.push_back(0);
+  }
+  return disc;
+}
+
+// Down at a point from the side, so that what is right above it is not in the way.
+inline Pose from_above(const Vec3d& at) {
+  const Vec3d forward = normalized(Vec3d{1, 0, -0.4});
+  Pose pose;
+  pose.rotation.set_column(0, {0, -1, 0});
+  pose.rotation.set_column(1, cross(forward, Vec3d{0, -1, 0}));
+  pose.rotation.set_column(2, forward);
+  pose.translation = at - forward * 2.0;
+  return pose;
 }
 
 }  // namespace nerf::test
