@@ -55,6 +55,8 @@ void run_tutorial(const std::string& name, const testing_apps::TempFolder& folde
     replace(command, "--resolution 1024", "--resolution 64");
     replace(command, "--frames 48", "--frames 2");
     replace(command, "--size 960x540", "--size 48x28");
+    // So few frames that colmap places them in seconds.
+    replace(command, "-pix_fmt", "-frames:v 14 -vf scale=400:300 -pix_fmt");
     const auto result = testing_apps::run_program(
         "/bin/sh", {"-c", "cd \"$0\" && " + command, folder.path().string()});
     EXPECT_EQ(result.exit_code, 0) << command << "\n" << result.out << result.err;
@@ -86,6 +88,14 @@ TEST(Tutorials, ObjectIntoAScene) {
        {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png", "bounce/orbit_0001.png",
         "moving/orbit_0001.png", "layers/exr/orbit_0001.exr"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
+}
+
+TEST(Tutorials, VideoToFilm) {
+  const testing_apps::TempFolder folder;
+  run_tutorial("video_to_film.md", folder, "20");
+  for (const char* file : {"orbit.mp4", "along.mp4", "orbit/orbit_0001.png",
+                           "along/film/interpolate_0001.png", "report.html"})
+    EXPECT_TRUE(fs::exists(folder / "runs/walk" / file)) << file;
 }
 
 }  // namespace
