@@ -133,7 +133,16 @@ TEST(Surface, LeavesOutPixelsWhoseLightIsStoppedOverFar) {
   view.camera = test::pinhole(90, 80, 150);
   view.pose = test::looking_at({2.5, 0.02, 0.01}, {});
   info.views = {view};
-  const RadianceField field(info, std::make_shared<GridField>(half.grid()));
+  auto grid = std::make_shared<GridField>(half.grid());
+  // What the cells remember of fog, 1 - e^(-1.5 width) = (level / 255)^2, is not that of a surface.
+  const double width = grid->occupancy.cell_width(0);
+  std::vector<uint8_t> levels(grid->occupancy.levels().begin(), grid->occupancy.levels().end());
+  for (size_t i = 0; i < levels.size(); ++i)
+    if (levels[i] > 0 &&
+        double{grid->occupancy.cell_corner(static_cast<int64_t>(i), 0).x} > kWall + 2 * width)
+      levels[i] = static_cast<uint8_t>(255 * std::sqrt(1 - std::exp(-kDensity * width)));
+  grid->occupancy.set_levels(levels);
+  const RadianceField field(info, grid);
   ThreadPool pool(2);
   const SurfaceWork work{pool};
   const auto views =
