@@ -33,9 +33,9 @@ TEST(DepthFusion, FindsASphere) {
   EXPECT_LT(volume.blocks().size(), static_cast<size_t>(volume.block_count()) / 2);
   const TriangleMesh mesh = marching_cubes(volume, pool);
   EXPECT_NEAR(test::area(mesh), 4 * 3.14159 * kShapeRadius * kShapeRadius, 0.1);
-  EXPECT_LT(test::mean_distance(
-                mesh, [](const Vec3d& p) { return std::fabs(length(p) - kShapeRadius); }),
-            0.2 * grid.spacing);
+  EXPECT_LT(
+      test::mean_distance(mesh, [](const Vec3d& p) { return std::fabs(length(p) - kShapeRadius); }),
+      0.2 * grid.spacing);
 }
 
 TEST(DepthFusion, IsAMeanByWeights) {
