@@ -1,7 +1,13 @@
 #include "nerf/geometry/triangle_bvh.h"
 
+#include <embree3/rtcore.h>
+
+#include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "nerf/base/error.h"
 
@@ -9,154 +15,184 @@ namespace nerf {
 
 namespace {
 
-constexpr size_t kLeaf = 4;    // triangles that are not worth a split
-constexpr int kBins = 16;      // along an axis
-constexpr int kDeepest = 90;   // levels; the stacks of the walks hold a few more
-constexpr double kStep = 1.0;  // cost of a step to two children against that of a triangle
+// Of a distance: what float may be off by against double.
+constexpr double kSlack = 1e-5;
 
-double half_area(const Box3& box) {
-  if (box.empty()) return 0;
-  const Vec3d s = box.size();
-  return s.x * s.y + s.y * s.z + s.z * s.x;
+struct Corners {
+  Vec3d a, ab, ac;
+};
+
+// Builds in the thread that asks.
+RTCDevice device() {
+  struct Device {
+    RTCDevice handle = rtcNewDevice("threads=1,start_threads=0,set_affinity=0");
+    ~Device() { rtcReleaseDevice(handle); }
+  };
+  static const Device own;
+  if (!own.handle)
+    throw Error("Embree cannot be used on this processor: error " +
+                    std::to_string(rtcGetDeviceError(nullptr)),
+                "inserted objects");
+  return own.handle;
 }
-void extend(Box3& box, const Box3& other) {
-  if (other.empty()) return;
-  box.extend(other.min);
-  box.extend(other.max);
+
+// Moeller and Trumbore 1997, for a ray that is known to meet the triangle.
+TriangleHit hit_of(const Corners& c, const Vec3d& origin, const Vec3d& direction) {
+  TriangleHit hit;
+  const Vec3d p = cross(direction, c.ac);
+  const double inverse = 1 / dot(c.ab, p);
+  const Vec3d s = origin - c.a, q = cross(s, c.ab);
+  hit.u = std::clamp(dot(s, p) * inverse, 0.0, 1.0);
+  hit.v = std::clamp(dot(direction, q) * inverse, 0.0, 1 - hit.u);
+  hit.t = dot(c.ac, q) * inverse;
+  return hit;
 }
 
 }  // namespace
 
-class TriangleBvh::Builder {
- public:
-  Builder(std::span<const Vec3> positions, std::span<const TriangleMesh::Triangle> triangles,
-          TriangleBvh& out)
-      : out_(out) {
-    for (size_t t = 0; t < triangles.size(); ++t) {
-      Box3 box;
-      Corners c;
-      const auto corner = [&](size_t k) { return positions[triangles[t][k]].cast<double>(); };
-      c.a = corner(0);
-      c.ab = corner(1) - c.a;
-      c.ac = corner(2) - c.a;
-      const double area = length(cross(c.ab, c.ac));
-      if (!(area > 0) || !std::isfinite(area)) continue;
-      for (size_t k = 0; k < 3; ++k) box.extend(corner(k));
-      boxes_.push_back(box);
-      centres_.push_back(box.center());
-      corners_.push_back(c);
-      given_.push_back(static_cast<uint32_t>(t));
-    }
-    order_.resize(boxes_.size());
-    std::iota(order_.begin(), order_.end(), uint32_t{0});
+struct TriangleBvh::Tree {
+  RTCScene scene = nullptr;
+  std::vector<Corners> corners;  // of the triangles that have an area
+  std::vector<uint32_t> given;   // their indices as given
+
+  Tree() = default;
+  Tree(const Tree&) = delete;
+  Tree& operator=(const Tree&) = delete;
+  ~Tree() {
+    if (scene) rtcReleaseScene(scene);
   }
 
   void build() {
-    if (order_.empty()) return;
-    out_.nodes_.emplace_back();
-    split(0, 0, order_.size(), 0);
-    for (const uint32_t i : order_) {
-      out_.corners_.push_back(corners_[i]);
-      out_.indices_.push_back(given_[i]);
-    }
-    for (const Box3& box : boxes_) extend(out_.box_, box);
+    scene = rtcNewScene(device());
+    // Without gaps; and no triangle stands in the tree twice, as it may with a finer one.
+    rtcSetSceneFlags(scene, static_cast<RTCSceneFlags>(RTC_SCENE_FLAG_ROBUST |
+                                                       RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION));
+    rtcSetSceneBuildQuality(scene, RTC_BUILD_QUALITY_MEDIUM);
+    const RTCGeometry geometry = rtcNewGeometry(device(), RTC_GEOMETRY_TYPE_TRIANGLE);
+    auto* vertices = static_cast<float*>(
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                3 * sizeof(float), 3 * corners.size()));
+    auto* indices = static_cast<uint32_t*>(
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                3 * sizeof(uint32_t), corners.size()));
+    NERF_CHECK(vertices && indices);
+    uint32_t next = 0;
+    for (const Corners& c : corners)
+      for (const Vec3d& p : {c.a, c.a + c.ab, c.a + c.ac}) {
+        for (int k = 0; k < 3; ++k) *vertices++ = static_cast<float>(p[k]);
+        *indices++ = next++;
+      }
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(scene, geometry);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(scene);
+    NERF_CHECK_EQ(static_cast<int>(rtcGetDeviceError(device())), 0);
   }
 
- private:
-  struct Bin {
-    Box3 box;
-    size_t count = 0;
+  // A question that is asked of every candidate.
+  struct Query {
+    RTCIntersectContext context;  // first: Embree hands it back
+    const Tree* tree;
+    Vec3d origin, direction;
+    double near, far;
+    const void* body;
+    Call call;
+    TriangleHit best{};
+    bool found = false;
+
+    Query(const Tree& tree, const Vec3d& origin, const Vec3d& direction, double near, double far,
+          const void* body, Call call)
+        : tree(&tree),
+          origin(origin),
+          direction(direction),
+          near(near),
+          far(far),
+          body(body),
+          call(call) {
+      rtcInitIntersectContext(&context);
+    }
+
+    RTCRay ray() const {
+      RTCRay r{};
+      r.org_x = static_cast<float>(origin.x);
+      r.org_y = static_cast<float>(origin.y);
+      r.org_z = static_cast<float>(origin.z);
+      r.dir_x = static_cast<float>(direction.x);
+      r.dir_y = static_cast<float>(direction.y);
+      r.dir_z = static_cast<float>(direction.z);
+      r.tnear = static_cast<float>(near * (1 - kSlack));
+      r.tfar = static_cast<float>(far * (1 + kSlack));
+      r.mask = ~0u;
+      return r;
+    }
+    bool within(const RTCFilterFunctionNArguments* of, TriangleHit& hit) const {
+      const unsigned triangle = RTCHitN_primID(of->hit, 1, 0);
+      hit = hit_of(tree->corners[triangle], origin, direction);
+      hit.triangle = tree->given[triangle];
+      return hit.t > near && hit.t < far;
+    }
+    static Query& of(const RTCFilterFunctionNArguments* arguments) {
+      return *reinterpret_cast<Query*>(arguments->context);
+    }
   };
-
-  // Of [begin, end) of the order, which becomes the triangles of `node`.
-  void split(size_t node, size_t begin, size_t end, int level) {
-    Box3 box, centres;
-    for (size_t i = begin; i < end; ++i) {
-      extend(box, boxes_[order_[i]]);
-      centres.extend(centres_[order_[i]]);
-    }
-    set_box(out_.nodes_[node], box);
-    const size_t n = end - begin;
-    const size_t middle =
-        n <= kLeaf || level >= kDeepest ? begin : best_split(box, centres, begin, end);
-    if (middle == begin) {
-      out_.nodes_[node].first = static_cast<uint32_t>(begin);
-      out_.nodes_[node].count = static_cast<uint32_t>(n);
-      return;
-    }
-    const size_t child = out_.nodes_.size();
-    out_.nodes_[node].first = static_cast<uint32_t>(child);
-    out_.nodes_[node].count = 0;
-    out_.nodes_.resize(child + 2);
-    split(child, begin, middle, level + 1);
-    split(child + 1, middle, end, level + 1);
-  }
-
-  static void set_box(Node& node, const Box3& box) {
-    for (int k = 0; k < 3; ++k) {
-      const size_t i = static_cast<size_t>(k);
-      constexpr float kInfinity = std::numeric_limits<float>::infinity();
-      // Outwards, so that nothing is lost in rounding.
-      node.min[i] = std::nextafter(static_cast<float>(box.min[k]), -kInfinity);
-      node.max[i] = std::nextafter(static_cast<float>(box.max[k]), kInfinity);
-    }
-  }
-
-  // Where the second half begins; `begin` where one leaf is better.
-  size_t best_split(const Box3& box, const Box3& centres, size_t begin, size_t end) {
-    const double whole = half_area(box);
-    double best = std::numeric_limits<double>::infinity();
-    int best_axis = -1, best_bin = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (!(centres.size()[axis] > 0)) continue;
-      std::array<Bin, kBins> bins;
-      for (size_t i = begin; i < end; ++i) {
-        Bin& bin = bins[static_cast<size_t>(bin_of(centres, axis, order_[i]))];
-        extend(bin.box, boxes_[order_[i]]);
-        ++bin.count;
-      }
-      std::array<double, kBins> after{};  // cost of what comes behind a bin
-      Bin sum;
-      for (int b = kBins - 1; b > 0; --b) {
-        extend(sum.box, bins[static_cast<size_t>(b)].box);
-        sum.count += bins[static_cast<size_t>(b)].count;
-        after[static_cast<size_t>(b - 1)] = half_area(sum.box) * static_cast<double>(sum.count);
-      }
-      sum = {};
-      for (int b = 0; b + 1 < kBins; ++b) {
-        extend(sum.box, bins[static_cast<size_t>(b)].box);
-        sum.count += bins[static_cast<size_t>(b)].count;
-        if (sum.count == 0 || sum.count == end - begin) continue;
-        const double cost = kStep * whole + half_area(sum.box) * static_cast<double>(sum.count) +
-                            after[static_cast<size_t>(b)];
-        if (cost < best) best = cost, best_axis = axis, best_bin = b;
-      }
-    }
-    const size_t n = end - begin;
-    if (best_axis < 0) return n > 4 * kLeaf ? begin + n / 2 : begin;  // all in one place
-    if (n <= 4 * kLeaf && best >= whole * static_cast<double>(n)) return begin;
-    const auto at = std::partition(order_.begin() + static_cast<ptrdiff_t>(begin),
-                                   order_.begin() + static_cast<ptrdiff_t>(end), [&](uint32_t i) {
-                                     return bin_of(centres, best_axis, i) <= best_bin;
-                                   });
-    return static_cast<size_t>(at - order_.begin());
-  }
-
-  int bin_of(const Box3& centres, int axis, uint32_t triangle) const {
-    const double at = (centres_[triangle][axis] - centres.min[axis]) / centres.size()[axis];
-    return std::min(kBins - 1, static_cast<int>(at * kBins));
-  }
-
-  TriangleBvh& out_;
-  std::vector<Box3> boxes_;
-  std::vector<Vec3d> centres_;
-  std::vector<Corners> corners_;
-  std::vector<uint32_t> given_, order_;
 };
+
+TriangleBvh::TriangleBvh() = default;
+TriangleBvh::~TriangleBvh() = default;
+TriangleBvh::TriangleBvh(TriangleBvh&&) noexcept = default;
+TriangleBvh& TriangleBvh::operator=(TriangleBvh&&) noexcept = default;
 
 TriangleBvh::TriangleBvh(std::span<const Vec3> positions,
                          std::span<const TriangleMesh::Triangle> triangles) {
-  Builder(positions, triangles, *this).build();
+  auto tree = std::make_unique<Tree>();
+  for (size_t t = 0; t < triangles.size(); ++t) {
+    const auto corner = [&](size_t k) { return positions[triangles[t][k]].cast<double>(); };
+    const Corners c{corner(0), corner(1) - corner(0), corner(2) - corner(0)};
+    const double area = length(cross(c.ab, c.ac));
+    if (!(area > 0) || !std::isfinite(area)) continue;
+    for (size_t k = 0; k < 3; ++k) box_.extend(corner(k));
+    tree->corners.push_back(c);
+    tree->given.push_back(static_cast<uint32_t>(t));
+  }
+  if (tree->corners.empty()) return;
+  tree->build();
+  tree_ = std::move(tree);
+}
+
+bool TriangleBvh::find_nearest(const Vec3d& origin, const Vec3d& direction, double near, double far,
+                               TriangleHit& hit, const void* body, Call accept) const {
+  if (!tree_) return false;
+  Tree::Query query(*tree_, origin, direction, near, far, body, accept);
+  query.context.filter = [](const RTCFilterFunctionNArguments* arguments) {
+    Tree::Query& q = Tree::Query::of(arguments);
+    TriangleHit h;
+    if (!q.within(arguments, h) || !q.call(q.body, h)) {
+      arguments->valid[0] = 0;
+      return;
+    }
+    // Of equally near ones that of the lesser triangle.
+    if (!q.found || h.t < q.best.t || (h.t == q.best.t && h.triangle < q.best.triangle)) q.best = h;
+    q.found = true;
+  };
+  RTCRayHit asked{query.ray(), {}};
+  asked.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  rtcIntersect1(tree_->scene, &query.context, &asked);
+  if (query.found) hit = query.best;
+  return query.found;
+}
+
+void TriangleBvh::find_each(const Vec3d& origin, const Vec3d& direction, double near, double far,
+                            const void* body, Call visit) const {
+  if (!tree_) return;
+  Tree::Query query(*tree_, origin, direction, near, far, body, visit);
+  // A ray is done with where a hit is let stand.
+  query.context.filter = [](const RTCFilterFunctionNArguments* arguments) {
+    Tree::Query& q = Tree::Query::of(arguments);
+    TriangleHit h;
+    if (!q.within(arguments, h) || q.call(q.body, h)) arguments->valid[0] = 0;
+  };
+  RTCRay ray = query.ray();
+  rtcOccluded1(tree_->scene, &query.context, &ray);
 }
 
 }  // namespace nerf

@@ -166,6 +166,7 @@ int add_camera(const std::string& name, const Camera& camera, double near, GlbWr
   added.perspective.aspectRatio = camera.width / camera.fx() / (camera.height / camera.fy());
   added.perspective.yfov = 2 * std::atan(0.5 * camera.height / camera.fy());
   added.perspective.znear = near;
+  added.perspective.zfar = 1e4 * near;  // without one tinygltf writes 0, which is not allowed
   writer.model().cameras.push_back(added);
   return static_cast<int>(writer.model().cameras.size()) - 1;
 }

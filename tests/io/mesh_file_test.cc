@@ -151,6 +151,7 @@ TEST(WriteGlbCameras, LookWhereTheTrainingCamerasLook) {
   const tinygltf::Camera& camera = model.cameras[static_cast<size_t>(node.camera)];
   EXPECT_NEAR(camera.perspective.yfov, 2 * std::atan(30 / 50.0), 1e-12);
   EXPECT_NEAR(camera.perspective.aspectRatio, 80 / 60.0, 1e-12);
+  EXPECT_GT(camera.perspective.zfar, camera.perspective.znear);
   // A quaternion's rotation of -z.
   const double x = node.rotation[0], y = node.rotation[1], z = node.rotation[2],
                w = node.rotation[3];
