@@ -18,10 +18,6 @@ namespace {
 // Of a distance: what float may be off by against double.
 constexpr double kSlack = 1e-5;
 
-struct Corners {
-  Vec3d a, ab, ac;
-};
-
 // Builds in the thread that asks.
 RTCDevice device() {
   struct Device {
@@ -36,21 +32,12 @@ RTCDevice device() {
   return own.handle;
 }
 
-// Moeller and Trumbore 1997, for a ray that is known to meet the triangle.
-TriangleHit hit_of(const Corners& c, const Vec3d& origin, const Vec3d& direction) {
-  TriangleHit hit;
-  const Vec3d p = cross(direction, c.ac);
-  const double inverse = 1 / dot(c.ab, p);
-  const Vec3d s = origin - c.a, q = cross(s, c.ab);
-  hit.u = std::clamp(dot(s, p) * inverse, 0.0, 1.0);
-  hit.v = std::clamp(dot(direction, q) * inverse, 0.0, 1 - hit.u);
-  hit.t = dot(c.ac, q) * inverse;
-  return hit;
-}
-
 }  // namespace
 
 struct TriangleBvh::Tree {
+  struct Corners {
+    Vec3d a, ab, ac;
+  };
   RTCScene scene = nullptr;
   std::vector<Corners> corners;  // of the triangles that have an area
   std::vector<uint32_t> given;   // their indices as given
@@ -60,6 +47,18 @@ struct TriangleBvh::Tree {
   Tree& operator=(const Tree&) = delete;
   ~Tree() {
     if (scene) rtcReleaseScene(scene);
+  }
+
+  // Moeller and Trumbore 1997, for a ray that is known to meet the triangle.
+  static TriangleHit hit_of(const Corners& c, const Vec3d& origin, const Vec3d& direction) {
+    TriangleHit hit;
+    const Vec3d p = cross(direction, c.ac);
+    const double inverse = 1 / dot(c.ab, p);
+    const Vec3d s = origin - c.a, q = cross(s, c.ab);
+    hit.u = std::clamp(dot(s, p) * inverse, 0.0, 1.0);
+    hit.v = std::clamp(dot(direction, q) * inverse, 0.0, 1 - hit.u);
+    hit.t = dot(c.ac, q) * inverse;
+    return hit;
   }
 
   void build() {
