@@ -146,7 +146,7 @@ TriangleBvh::TriangleBvh(std::span<const Vec3> positions,
   auto tree = std::make_unique<Tree>();
   for (size_t t = 0; t < triangles.size(); ++t) {
     const auto corner = [&](size_t k) { return positions[triangles[t][k]].cast<double>(); };
-    const Corners c{corner(0), corner(1) - corner(0), corner(2) - corner(0)};
+    const Tree::Corners c{corner(0), corner(1) - corner(0), corner(2) - corner(0)};
     const double area = length(cross(c.ab, c.ac));
     if (!(area > 0) || !std::isfinite(area)) continue;
     for (size_t k = 0; k < 3; ++k) box_.extend(corner(k));
