@@ -136,13 +136,13 @@ Vec3d mean_sent(const ShadowCaster& c) {
   double count = 0;
   for (size_t t = 0; t < n; t += step) {
     const SurfacePoint s = surface_point(c.object, static_cast<uint32_t>(t), 1.0 / 3, 1.0 / 3);
-    sum = sum + s.base;
-    count += 1;
+    sum = sum + s.base * s.alpha;
+    count += s.alpha;
   }
   for (const Vec3d& d : {Vec3d{1, 0, 0}, Vec3d{-1, 0, 0}, Vec3d{0, 1, 0}, Vec3d{0, -1, 0}})
     light = light + c.around.diffuse(d) * 0.25;
   Vec3d sent;
-  for (int k = 0; k < 3; ++k) sent[k] = 0.5 * sum[k] / count * light[k];
+  for (int k = 0; k < 3 && count > 0; ++k) sent[k] = 0.5 * sum[k] / count * light[k];
   return sent;
 }
 
