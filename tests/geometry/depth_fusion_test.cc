@@ -32,15 +32,9 @@ TEST(DepthFusion, FindsASphere) {
       fuse_depths(sphere_views(), grid, {.truncation = 4 * grid.spacing}, kMuch, pool);
   EXPECT_LT(volume.blocks().size(), static_cast<size_t>(volume.block_count()) / 2);
   const TriangleMesh mesh = marching_cubes(volume, pool);
-<<<<<<< HEAD
   EXPECT_NEAR(test::area(mesh), 4 * 3.14159 * kBallRadius * kBallRadius, 0.1);
   EXPECT_LT(
       test::mean_distance(mesh, [](const Vec3d& p) { return std::fabs(length(p) - kBallRadius); }),
-=======
-  EXPECT_NEAR(test::area(mesh), 4 * 3.14159 * kShapeRadius * kShapeRadius, 0.1);
-  EXPECT_LT(
-      test::mean_distance(mesh, [](const Vec3d& p) { return std::fabs(length(p) - kShapeRadius); }),
->>>>>>> w-check
       0.2 * grid.spacing);
 }
 

@@ -63,10 +63,11 @@ TEST(LayerImage, TheObjectOverItsShadowedFieldIsThePicture) {
           rgba[4 * i + k], 1e-6);
       const double seen = frame.layers.field[4 * i + k] / 0.9_r;
       EXPECT_NEAR(field[4 * i + k], std::exp2(-0.5) * 0.9 * srgb_to_linear(seen), 1e-6);
-      if (frame.layers.cover[i] > 0)
+      if (frame.layers.cover[i] > 0) {
         EXPECT_EQ(shadow[3 * i + k], frame.layers.shadow[3 * i + k]);
-      else if (field[4 * i + k] > 1e-4_r)  // all of the picture is the field's
+      } else if (field[4 * i + k] > 1e-4_r) {  // all of the picture is the field's
         EXPECT_NEAR(object[4 * i + k], 0, 1e-6);
+      }
     }
   }
 }

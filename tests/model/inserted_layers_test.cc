@@ -58,8 +58,7 @@ TEST_F(ScreensInAMedium, TakeTheirSharesOfTheLight) {
     RenderOptions options = exact_options();
     options.layers = Layers{};
     options.supersample = supersample;
-    const Frame alone =
-        render(field_, test::pinhole(9, 9, 200), looking({-3, 0, 0}, {1, 0, 0}), options, pool_);
+    const Frame alone = render(field_, narrow(), along_x(), options, pool_);
     for (size_t i = 0; i < f.alpha.size(); ++i) {
       for (size_t k = 0; k < 3; ++k) {
         ASSERT_EQ(f.layers.field[4 * i + k], alone.layers.rgb[3 * i + k]);
@@ -153,8 +152,7 @@ TEST(InsertedLayers, WithoutAnObjectTheFieldIsThePicture) {
   ThreadPool pool(2);
   RenderOptions options = exact_options();
   options.layers = Layers{.apart = true};
-  const Frame f =
-      render(field, test::pinhole(9, 9, 200), looking({-3, 0, 0}, {1, 0, 0}), options, pool);
+  const Frame f = render(field, narrow(), along_x(), options, pool);
   for (size_t i = 0; i < f.alpha.size(); ++i) {
     ASSERT_EQ(f.layers.field[4 * i + 1], f.layers.rgb[3 * i + 1]);
     ASSERT_EQ(f.layers.cover[i], 0);

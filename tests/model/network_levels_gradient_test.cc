@@ -17,7 +17,7 @@
 namespace nerf {
 namespace {
 
-constexpr int kRays = 2;
+constexpr int kGradientRays = 2;
 constexpr double kBefore = static_cast<double>(gradient_check::Run::kBefore);
 
 NetworkOptions tiny(NetworkOptions o) {
@@ -115,7 +115,7 @@ Columns<T> loss_of_levels(const NetworkField& field, const NetworkLosses& losses
   // A ray's scale is that of a mean over rays and three channels.
   const LevelGiven& last = given.back();
   const double per_ray = 3 * ray_scale;
-  for (size_t r = 0; r < kRays; ++r) {
+  for (size_t r = 0; r < kGradientRays; ++r) {
     const std::vector<T> w = of_ray(outputs.back().weights, last.rays, r);
     if (losses.distortion > 0)
       terms.push_back({reference::distortion_loss(last.edges[r], w) *
@@ -212,14 +212,14 @@ TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
       for (size_t i = 0; i < problem.weights.size(); ++i)
         field.weights[i] = static_cast<Real>(problem.weights[i]);
 
-      std::vector<NetworkRay> rays = test::some_rays(kRays, 2);
-      for (int r = 0; r < kRays; ++r) {
+      std::vector<NetworkRay> rays = test::some_rays(kGradientRays, 2);
+      for (int r = 0; r < kGradientRays; ++r) {
         NetworkRay& ray = rays[static_cast<size_t>(r)];
         ray.photo = ray.moment = ray.camera = r;
         ray.time = 0.5_r * static_cast<Real>(r);
       }
       const std::vector<NetworkRay> before = rays;
-      NetworkLevels levels(field, kRays, true, method.losses);
+      NetworkLevels levels(field, kGradientRays, true, method.losses);
       // A hundredth of the loss: beside the pixels' terms, whose bound it shares, a penalty that
       // is a fifteenth off shows.
       levels.weigh_elastic(0.05_r);
