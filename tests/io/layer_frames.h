@@ -38,13 +38,14 @@ inline Frame layer_frame(int width, int height) {
       }
       f.layers.deep[i].push_back(d);
     }
-    for (size_t k = 0; k < 3; ++k) {
-      f.layers.field[4 * i + k] = 0.1_r * static_cast<Real>((i + k) % 9);
-      f.layers.shadow[3 * i + k] = 1 - 0.1_r * static_cast<Real>((i + 2 * k) % 4);
-    }
-    f.layers.field[4 * i + 3] = 0.9_r;
-    f.layers.cover[i] = 0.3_r * static_cast<Real>(i % 3);
     if (stretches == 0) continue;
+    // An object that is coloured like the field takes a share of the light of two pixels in three.
+    f.layers.cover[i] = 0.3_r * static_cast<Real>(i % 3);
+    for (size_t k = 0; k < 3; ++k) {
+      f.layers.field[4 * i + k] = f.layers.rgb[3 * i + k];
+      if (i % 3 == 0) f.layers.shadow[3 * i + k] = 0.9_r;
+    }
+    f.layers.field[4 * i + 3] = static_cast<Real>(1 - left);
     f.alpha[i] = static_cast<Real>(1 - left);
     f.depth_z[i] = static_cast<Real>(2.5 + 0.01 * static_cast<double>(i));
     f.layers.distance[i] = 1.1_r * f.depth_z[i];

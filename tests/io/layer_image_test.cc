@@ -56,17 +56,19 @@ TEST(LayerImage, TheObjectOverItsShadowedFieldIsThePicture) {
   const auto& shadow = image.layers[3].values;
   for (size_t i = 0; i < 42; ++i) {
     EXPECT_EQ(object[4 * i + 3], frame.layers.cover[i]);
-    EXPECT_EQ(field[4 * i + 3], 0.9_r);
+    EXPECT_EQ(field[4 * i + 3], frame.layers.field[4 * i + 3]);
     for (size_t k = 0; k < 3; ++k) {
       EXPECT_NEAR(
           object[4 * i + k] + (1 - object[4 * i + 3]) * field[4 * i + k] * shadow[3 * i + k],
           rgba[4 * i + k], 1e-6);
-      const double seen = frame.layers.field[4 * i + k] / 0.9_r;
-      EXPECT_NEAR(field[4 * i + k], std::exp2(-0.5) * 0.9 * srgb_to_linear(seen), 1e-6);
+      const double alpha = frame.alpha[i], seen = frame.layers.field[4 * i + k] / alpha;
+      EXPECT_NEAR(field[4 * i + k], alpha > 0 ? std::exp2(-0.5) * alpha * srgb_to_linear(seen) : 0,
+                  1e-6);
       if (frame.layers.cover[i] > 0) {
         EXPECT_EQ(shadow[3 * i + k], frame.layers.shadow[3 * i + k]);
-      } else if (field[4 * i + k] > 1e-4_r) {  // all of the picture is the field's
+      } else {  // all of the picture is the field's, and what makes it so is the shadow
         EXPECT_NEAR(object[4 * i + k], 0, 1e-6);
+        if (field[4 * i + k] > 0) EXPECT_NEAR(shadow[3 * i + k], 1, 1e-6);
       }
     }
   }
