@@ -68,7 +68,9 @@ TEST(LayerImage, TheObjectOverItsShadowedFieldIsThePicture) {
         EXPECT_EQ(shadow[3 * i + k], frame.layers.shadow[3 * i + k]);
       } else {  // all of the picture is the field's, and what makes it so is the shadow
         EXPECT_NEAR(object[4 * i + k], 0, 1e-6);
-        if (field[4 * i + k] > 0) EXPECT_NEAR(shadow[3 * i + k], 1, 1e-6);
+        if (field[4 * i + k] > 0) {
+          EXPECT_NEAR(shadow[3 * i + k], 1, 1e-6);
+        }
       }
     }
   }

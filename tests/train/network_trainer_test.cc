@@ -212,7 +212,8 @@ TEST_P(NetworkTraining, PhotosCodesTakeUpWhatDiffersBetweenPhotos) {
   const auto psnr_after = [&](int code) {
     TrainOptions options = tiny_method_options(GetParam(), 1000);
     options.network.image_code = code;
-    options.network.camera_code = 0;  // which would stand in its place
+    // Either would stand in its place.
+    options.network.camera_code = options.network.transient_code = 0;
     Trainer trainer(c.scene, c.photos, options, pool);
     double sum = 0;
     trainer.run([&](const StepReport& r) {
