@@ -155,7 +155,8 @@ TEST_F(NerfRenderLayers, TheObjectOverItsFieldIsThePicture) {
   mesh.triangles = {{0, 1, 2}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
   const std::string object = (folder_.path() / "wedge.glb").string();
   write_glb(object, mesh, Similarity(), Similarity());
-  rendered({"--insert", object, "--at", "0,0,0", "--aov", "object,field,shadow", "--no-depth"});
+  rendered({"--insert", object, "--at", "0,0,0", "--scale", "2", "--aov", "object,field,shadow",
+            "--no-depth"});
   const Picture exr = read("exr/left/img0.exr");
   ASSERT_EQ(exr.spec.nchannels, 4 + 4 + 4 + 3);
   int covered = 0, clear = 0;
