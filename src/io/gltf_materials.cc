@@ -7,6 +7,7 @@
 #include <map>
 
 #include "colmap.h"
+#include "gltf_document.h"
 #include "gltf_nodes.h"
 #include "image_decode.h"
 #include "nerf/base/error.h"
