@@ -47,7 +47,24 @@ bool write_nothing(std::string*, const std::string&, const std::vector<unsigned 
 // Keeps the file's bytes: they are decoded where they are used.
 bool keep_bytes(tinygltf::Image* image, const int, std::string*, std::string*, int, int,
                 const unsigned char* bytes, int size, void*) {
-  image->image.assign(bytes, bytes + std::max(size, 0));
+  // tinygltf has not looked where a view ends: copy_views() does.
+  if (image->bufferView < 0) image->image.assign(bytes, bytes + std::max(size, 0));
+  return true;
+}
+
+// The bytes of pictures that lie in a buffer; false where one ends beyond it.
+bool copy_views(tinygltf::Model& model) {
+  for (tinygltf::Image& image : model.images) {
+    if (image.bufferView < 0) continue;
+    if (static_cast<size_t>(image.bufferView) >= model.bufferViews.size()) return false;
+    const auto& view = model.bufferViews[static_cast<size_t>(image.bufferView)];
+    if (view.buffer < 0 || static_cast<size_t>(view.buffer) >= model.buffers.size()) return false;
+    const auto& data = model.buffers[static_cast<size_t>(view.buffer)].data;
+    if (view.byteOffset > data.size() || view.byteLength > data.size() - view.byteOffset)
+      return false;
+    const auto* begin = data.data() + view.byteOffset;
+    image.image.assign(begin, begin + view.byteLength);
+  }
   return true;
 }
 
@@ -103,6 +120,8 @@ tinygltf::Model load_gltf(const fs::path& path) {
   if (!good)
     throw Error("cannot read the glTF file: " + one_line(problem.empty() ? "damaged" : problem),
                 path.string(), kExportAgain);
+  if (!copy_views(model))
+    throw Error("a picture ends beyond its buffer", path.string(), kExportAgain);
   check_document(model, path);
   return model;
 }
