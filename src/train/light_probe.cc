@@ -2,57 +2,32 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <vector>
 
 #include "nerf/io/photo_scales.h"
-#include "nerf/math/median.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/integrator.h"
-#include "train/sightings.h"
 
 namespace nerf {
 
 namespace {
 
 constexpr size_t kFewestPhotos = 8;
-constexpr size_t kFewestSightings = 20;  // of a photo, and of a point's photos a fifth
-constexpr int kLongestSide = 160;        // pixels of a reduced photo
+constexpr int kLongestSide = 160;  // pixels of a reduced photo
 constexpr int kSteps = 300;
 constexpr int kTile = 8, kApart = 2;  // pixels of a reduced photo: of a tile, and between its rays
 constexpr size_t kPhotos = 24;        // that the short training's pictures are compared with
-constexpr double kDark = 0.02;        // added to what a logarithm is taken of
 
-std::optional<double> exposure_spread(const Scene& scene, const PhotoSet& photos) {
-  struct Seen {
-    size_t source;
-    double stops;
-  };
-  std::map<int32_t, std::vector<Seen>> points;
-  for (const Sighting& s : sightings_of(scene, photos)) {
-    const Photo& photo = photos.photos[static_cast<size_t>(scene.train[s.source])];
-    Real rgba[4];
-    photo.pixel(s.x, s.y, rgba);
-    const double mean = static_cast<double>(rgba[0] + rgba[1] + rgba[2]) / 3;
-    points[s.point].push_back({s.source, std::log2(mean + kDark)});
+std::optional<double> standard_deviation(const std::vector<std::optional<double>>& values) {
+  double count = 0, sum = 0, square = 0;
+  for (const auto& v : values) {
+    if (!v) continue;
+    count += 1;
+    sum += *v;
+    square += *v * *v;
   }
-  std::map<size_t, std::vector<double>> of_photos;
-  for (const auto& [point, seen] : points) {
-    if (seen.size() < kFewestSightings / 5) continue;
-    std::vector<double> all;
-    for (const Seen& s : seen) all.push_back(s.stops);
-    const double usual = median_of(all);
-    for (const Seen& s : seen) of_photos[s.source].push_back(s.stops - usual);
-  }
-  std::vector<double> exposures;
-  for (const auto& [source, differences] : of_photos)
-    if (differences.size() >= kFewestSightings) exposures.push_back(median_of(differences));
-  if (exposures.size() < kFewestPhotos) return std::nullopt;
-  double mean = 0, square = 0;
-  for (const double e : exposures) mean += e / static_cast<double>(exposures.size());
-  for (const double e : exposures)
-    square += (e - mean) * (e - mean) / static_cast<double>(exposures.size());
-  return std::sqrt(square);
+  if (count < 2) return std::nullopt;
+  return std::sqrt(std::max(0.0, square / count - sum * sum / count / count));
 }
 
 TrainOptions short_training() {
@@ -155,25 +130,30 @@ double rounded(double factor) { return std::round(100 * factor) / 100; }
 LightProbe probe_light(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                        const Cancel* cancel) {
   LightProbe probe;
-  probe.exposure_spread = exposure_spread(scene, photos);
   probe.shown = shown_light(scene, photos);
+  probe.exposure_spread = standard_deviation(probe.shown.exposure);
   probe.smooth_share = smooth_share(scene, photos, pool, cancel);
   return probe;
 }
 
 void resolve_light(const LightProbe& probe, TrainOptions& options) {
-  constexpr double kUnlikeDays = 0.12, kUnlikeLight = 0.4;
+  constexpr double kUnlikeDays = 0.5, kUnlikeLight = 0.4;
+  constexpr double kUnlikeExposures = 0.2, kLeastSmooth = 0.3;  // together
   constexpr int kAppearance = 16;
   constexpr double kPointDepth = 0.1, kPointDepthLoss = 1;
-  const bool unlike_days = probe.exposure_spread.value_or(0) > kUnlikeDays;
-  const bool unlike = unlike_days || probe.smooth_share.value_or(0) > kUnlikeLight;
+  const double spread = probe.exposure_spread.value_or(0);
+  const double smooth = probe.smooth_share.value_or(0);
+  const bool unlike_days = spread > kUnlikeDays;
+  const bool unlike = unlike_days || smooth > kUnlikeLight;
+  // Points that shine show exposures too, but the short training's error is then of small areas.
+  const bool unlike_exposures = unlike_days || (spread > kUnlikeExposures && smooth > kLeastSmooth);
   LightRecipe& light = options.grid_recipe.light;
   if (light.appearance.automatic) light.appearance = {false, unlike ? kAppearance : 0};
   // A share that is left out costs a capture that does not need it: only what is asked for.
   if (light.robust.automatic) light.robust = {false, 0};
   const double exif = probe.shown.trusted_factor().value_or(0);
   if (light.colour_correction == Switch::kAuto)
-    light.colour_correction = unlike_days ? Switch::kOn : Switch::kOff;
+    light.colour_correction = unlike_exposures ? Switch::kOn : Switch::kOff;
   if (light.exif_exposure.automatic) light.exif_exposure = {false, rounded(exif)};
   // It costs no capture that was measured; those of fixed light stay as they are.
   if (light.vignetting == Switch::kAuto) light.vignetting = light.colour_correction;

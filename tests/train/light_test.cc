@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "nerf/math/srgb.h"
 #include "nerf/model/field.h"
 #include "nerf/train/evaluation.h"
 #include "nerf/train/light_probe.h"
@@ -126,15 +127,23 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   EXPECT_GT(shadow.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(shadow.grid_recipe.light.colour_correction, Switch::kOff);
   EXPECT_FALSE(shadow.grid_recipe.point_depth.has_value());
+  TrainOptions phone;  // that chooses its exposure for each photo
+  resolve_light({0.3, 0.35}, phone);
+  EXPECT_EQ(phone.grid_recipe.light.appearance.count, 0);
+  EXPECT_EQ(phone.grid_recipe.light.colour_correction, Switch::kOn);
+  EXPECT_FALSE(phone.grid_recipe.point_depth.has_value());
+  TrainOptions shines;  // and is brighter from where the lamp is seen in it
+  resolve_light({0.3, 0.2}, shines);
+  EXPECT_EQ(shines.grid_recipe.light.colour_correction, Switch::kOff);
   TrainOptions days;
-  resolve_light({0.4, {}}, days);
+  resolve_light({0.8, {}}, days);
   EXPECT_GT(days.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(days.grid_recipe.light.colour_correction, Switch::kOn);
   EXPECT_EQ(days.grid_recipe.light.vignetting, Switch::kOn);
   EXPECT_GT(days.grid_recipe.point_depth.value_or(0), 0);
   TrainOptions said = options_with(0, Switch::kOff, 1);
   said.grid_recipe.point_depth = 0;
-  resolve_light({0.4, 0.9}, said);
+  resolve_light({0.8, 0.9}, said);
   EXPECT_EQ(said.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(said.grid_recipe.light.colour_correction, Switch::kOff);
   EXPECT_EQ(said.grid_recipe.point_depth, 0);
@@ -157,9 +166,9 @@ TEST(Light, ExposuresAreSeenAtSparsePoints) {
   ThreadPool pool(2);
   const auto spread = probe_light(scene, c.photos, pool).exposure_spread;
   ASSERT_TRUE(spread.has_value());
-  // Ten photos of the one and five of the other: deviations of a stop, but for what is added.
-  const double stop = std::log2((200 / 255.0 + 0.02) / (100 / 255.0 + 0.02));
-  EXPECT_NEAR(*spread, stop * std::sqrt(10.0 * 5.0) / 15, 1e-6);
+  // Ten photos of the one and five of the other. (The fit is alternating: 1e-3.)
+  const double stops = std::log2(srgb_to_linear(200 / 255.0) / srgb_to_linear(100 / 255.0));
+  EXPECT_NEAR(*spread, stops * std::sqrt(10.0 * 5.0) / 15, 1e-3);
 }
 
 }  // namespace

@@ -13,8 +13,8 @@
 namespace nerf {
 
 struct LightProbe {
-  // How bright photos show the same sparse points: standard deviation over the training photos of
-  // the binary logarithm (stops, of sRGB values); no value where there are too few points.
+  // How bright photos show the same sparse points: standard deviation of ShownLight::exposure;
+  // no value where there are too few points.
   std::optional<double> exposure_spread = {};
   // Of a short training on reduced photos: what share of its squared error is one colour across a
   // tile of a photo, which a sharper field would not mend; no value where none was made.
