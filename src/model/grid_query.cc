@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "model/point_lattice.h"
 #include "nerf/base/error.h"
 #include "nerf/math/contraction.h"
 #include "nerf/model/grid_field.h"
@@ -39,7 +40,8 @@ class GridQuery final : public FieldQuery {
     return *made;
   }
 
-  void place(const FieldPoints& points, size_t begin, int n, Worker& w) {
+  // Without directions all points are of one ray, so that what a ray's time gives is found once.
+  void place(const FieldPoints& points, size_t begin, int n, bool directed, Worker& w) {
     for (int i = 0; i < n; ++i) {
       const Vec3 g =
           field_.grid_position(points.positions[begin + static_cast<size_t>(i)].cast<Real>());
@@ -48,12 +50,14 @@ class GridQuery final : public FieldQuery {
       z_[i] = g.z;
       ray_begin_[i] = i;
     }
+    const int rays = directed ? n : 1;
     for (Real* const a : {x_, y_, z_}) std::fill(a + n, a + round_up(n, kLane), 0.5_r);
-    ray_begin_[n] = n;
+    ray_begin_[rays] = n;
     Chunk& c = w.chunk;
-    c.samples = c.rays = n;
+    c.samples = n;
+    c.rays = rays;
     c.ray_begin = ray_begin_;
-    if (!field_.motion.empty()) move(points.time, n, w);
+    if (!field_.motion.empty()) move(points, begin, n, w);
     const GridPoints p = looked_up();
     encode(field_, p, n, c.data(w.tape.features), c.stride(w.tape.features));
   }
@@ -65,7 +69,7 @@ class GridQuery final : public FieldQuery {
     Worker& w = worker(plain_, GridTape::Purpose::kPictures);
     Chunk& chunk = w.chunk;
     const GridTape& tape = w.tape;
-    place(points, begin, n, w);
+    place(points, begin, n, coloured, w);
     const int64_t lr = chunk.stride(tape.directions);
     for (int i = 0; coloured && i < n; ++i)
       for (int k = 0; k < 3; ++k)
@@ -88,20 +92,53 @@ class GridQuery final : public FieldQuery {
   // Where the table is looked up.
   GridPoints looked_up() const {
     if (field_.motion.empty()) return {x_, y_, z_};
+    if (interpolated_) return {canonical_[0], canonical_[1], canonical_[2]};
     return {motion_->canonical(0), motion_->canonical(1), motion_->canonical(2)};
   }
 
-  void move(Real time, int n, Worker& w) {
+  void move(const FieldPoints& points, size_t begin, int n, Worker& w) {
     const bool sloped = w.tape.density_gradient >= 0;
     if (!motion_ || (sloped && !motion_goes_back_))
       motion_ = std::make_unique<MotionChunk>(field_, packs_, motion_goes_back_ = sloped);
     Chunk& c = w.chunk;
-    std::fill_n(c.data(w.tape.time), round_up(n, kLane), time);
+    std::fill_n(c.data(w.tape.time), round_up(c.rays, kLane), points.time);
     const Real* const from[] = {x_, y_, z_};
     for (int k = 0; k < 3; ++k)
       std::copy_n(from[k], round_up(n, kLane),
                   c.data(w.tape.position) + k * c.stride(w.tape.position));
-    motion_->forward(x_, y_, z_, n, n, ray_begin_, c.data(w.tape.time));
+    const auto asked = points.positions.subspan(begin, static_cast<size_t>(n));
+    interpolated_ =
+        !sloped && points.motion_spacing > 0 && lattice_.surround(asked, points.motion_spacing);
+    if (interpolated_)
+      interpolate(n, points.time);
+    else
+      ask_motion(x_, y_, z_, n, points.time);
+  }
+
+  void ask_motion(const Real* x, const Real* y, const Real* z, int n, Real time) {
+    const int32_t ray_begin[] = {0, n};
+    motion_->forward(x, y, z, n, 1, ray_begin, &time);
+  }
+
+  // Moves the lattice's corners, and the points as these are.
+  void interpolate(int n, Real time) {
+    const int m = static_cast<int>(lattice_.corners().size());
+    offsets_.clear();
+    for (const Vec3d& corner : lattice_.corners())
+      offsets_.push_back(field_.grid_position(corner.cast<Real>()));
+    for (int k = 0; k < 3; ++k) {
+      for (size_t i = 0; i < offsets_.size(); ++i) canonical_[k][i] = offsets_[i][k];
+      std::fill(canonical_[k] + m, canonical_[k] + round_up(m, kLane), 0.5_r);
+    }
+    ask_motion(canonical_[0], canonical_[1], canonical_[2], m, time);
+    for (int k = 0; k < 3; ++k)
+      for (size_t i = 0; i < offsets_.size(); ++i)
+        offsets_[i][k] = motion_->canonical(k)[i] - offsets_[i][k];
+    for (int i = 0; i < n; ++i) {
+      const Vec3 p = Vec3{x_[i], y_[i], z_[i]} + lattice_.at(static_cast<size_t>(i), offsets_);
+      for (int k = 0; k < 3; ++k) canonical_[k][i] = p[k];
+    }
+    for (Real* const a : canonical_) std::fill(a + n, a + round_up(n, kLane), 0.5_r);
   }
 
   // The code of a photo, the same for all points.
@@ -118,7 +155,7 @@ class GridQuery final : public FieldQuery {
   // Backward from density to the features, and from these to positions level by level.
   void find_gradient(const FieldPoints& points, const FieldAnswers& answers, size_t begin, int n) {
     Worker& w = worker(sloped_, GridTape::Purpose::kGradient);
-    place(points, begin, n, w);
+    place(points, begin, n, false, w);
     if (unused_.size() == 0) unused_ = AlignedArray<Real>(field_.weights.size());
     w.chunk.weight_gradient = unused_.data();
     std::fill_n(w.chunk.data(w.tape.density_gradient), n, 1.0_r);
@@ -164,6 +201,10 @@ class GridQuery final : public FieldQuery {
   std::unique_ptr<MotionChunk> motion_;
   bool motion_goes_back_ = false;
   alignas(64) Real x_[kBlock], y_[kBlock], z_[kBlock];
+  bool interpolated_ = false;  // whether canonical_ holds the points, not motion_
+  alignas(64) Real canonical_[3][kBlock];
+  internal::PointLattice lattice_;
+  std::vector<Vec3> offsets_;  // of its corners
   int32_t ray_begin_[kBlock + 1];
   std::vector<Real> code_;  // of photo_
   int photo_ = -1;

@@ -127,6 +127,44 @@ TEST(FieldQuery, ManyPointsAreAnsweredAsOne) {
   }
 }
 
+// Between corners of a lattice the error of what is smooth falls with the square of its width, to a
+// quarter at half the width; where a ReLU bends in between, to a half.
+TEST(FieldQuery, InterpolatedMotionComesNearTheFieldsOwn) {
+  for (const WarpKind kind : {WarpKind::kTranslation, WarpKind::kSe3})
+    for (const bool unbounded : {false, true}) {
+      SCOPED_TRACE(unbounded);
+      const auto field = some_grid(unbounded, 32, some_motion(kind));
+      auto at = some_points(kPoints, 0.05, 31);
+      for (Vec3d& p : at) p = p + Vec3d{0.31, -0.2, 0.13};
+      const auto query = field->query(nullptr);
+      const auto ask = [&](Real spacing) {
+        std::vector<Real> density(kPoints);
+        query->ask({at, {}, 0.4_r, -1, spacing}, {density, {}, {}});
+        return density;
+      };
+      const std::vector<Real> truth = ask(0);
+      const auto error = [&](Real spacing) {
+        const std::vector<Real> density = ask(spacing);
+        double sum = 0;
+        for (size_t i = 0; i < kPoints; ++i)
+          sum += std::fabs(static_cast<double>(density[i] - truth[i]));
+        return sum / static_cast<double>(kPoints);
+      };
+      double scale = 0;
+      for (const Real d : truth) scale += static_cast<double>(d) / static_cast<double>(kPoints);
+      const double wide = error(0.1_r), half = error(0.05_r);
+      EXPECT_GT(wide, 0);
+      EXPECT_LT(wide, 0.01 * scale);
+      EXPECT_LT(half, 0.45 * wide);
+      // Too far apart for a lattice; and slopes are the field's own.
+      EXPECT_EQ(ask(0.002_r), truth);
+      std::vector<Real> slope(3 * kPoints), same(3 * kPoints);
+      query->ask({at, {}, 0.4_r, -1, 0}, {{}, {}, slope});
+      query->ask({at, {}, 0.4_r, -1, 0.1_r}, {{}, {}, same});
+      EXPECT_EQ(slope, same);
+    }
+}
+
 // Beside the differences of densities on either side. Where these differ from each other by more
 // than rounding there is an edge of a cell or of a ReLU in between, and no slope.
 TEST(FieldQuery, SlopesAreThoseOfTheDensity) {

@@ -22,6 +22,9 @@ struct FieldPoints {
   std::span<const Vec3d> directions;  // unit; as many where colours are wanted, else none
   Real time = 0;                      // [0, 1]; a static field is the same at any
   int photo = -1;                     // in whose light; below 0: the field's default
+  // Above 0, motion is interpolated between the corners of a lattice so wide (engine units) where
+  // the points are close enough together for these to be fewer; gradients are exact all the same.
+  Real motion_spacing = 0;
 };
 
 // What is wanted of n points; an empty span is not computed.
