@@ -1,6 +1,7 @@
 // Density, colour and the gradient of density of the grid method's field at points.
 #include <algorithm>
 #include <memory>
+#include <numeric>
 
 #include "model/point_lattice.h"
 #include "nerf/base/error.h"
@@ -48,9 +49,9 @@ class GridQuery final : public FieldQuery {
       x_[i] = g.x;
       y_[i] = g.y;
       z_[i] = g.z;
-      ray_begin_[i] = i;
     }
     const int rays = directed ? n : 1;
+    std::iota(ray_begin_, ray_begin_ + rays, 0);
     for (Real* const a : {x_, y_, z_}) std::fill(a + n, a + round_up(n, kLane), 0.5_r);
     ray_begin_[rays] = n;
     Chunk& c = w.chunk;
@@ -92,8 +93,7 @@ class GridQuery final : public FieldQuery {
   // Where the table is looked up.
   GridPoints looked_up() const {
     if (field_.motion.empty()) return {x_, y_, z_};
-    if (interpolated_) return {canonical_[0], canonical_[1], canonical_[2]};
-    return {motion_->canonical(0), motion_->canonical(1), motion_->canonical(2)};
+    return {canonical_[0], canonical_[1], canonical_[2]};
   }
 
   void move(const FieldPoints& points, size_t begin, int n, Worker& w) {
@@ -104,41 +104,42 @@ class GridQuery final : public FieldQuery {
     std::fill_n(c.data(w.tape.time), round_up(c.rays, kLane), points.time);
     const Real* const from[] = {x_, y_, z_};
     for (int k = 0; k < 3; ++k)
-      std::copy_n(from[k], round_up(n, kLane),
-                  c.data(w.tape.position) + k * c.stride(w.tape.position));
+      for (Real* const to :
+           {c.data(w.tape.position) + k * c.stride(w.tape.position), canonical_[k]})
+        std::copy_n(from[k], round_up(n, kLane), to);
     const auto asked = points.positions.subspan(begin, static_cast<size_t>(n));
-    interpolated_ =
-        !sloped && points.motion_spacing > 0 && lattice_.surround(asked, points.motion_spacing);
-    if (interpolated_)
+    if (!sloped && points.motion_spacing > 0 && lattice_.surround(asked, points.motion_spacing))
       interpolate(n, points.time);
     else
-      ask_motion(x_, y_, z_, n, points.time);
+      lead(canonical_, n, points.time);
   }
 
-  void ask_motion(const Real* x, const Real* y, const Real* z, int n, Real time) {
+  // From positions to canonical ones; rows of `x` are padded to whole lanes.
+  void lead(Real (&x)[3][kBlock], int n, Real time) {
     const int32_t ray_begin[] = {0, n};
-    motion_->forward(x, y, z, n, 1, ray_begin, &time);
+    motion_->forward(x[0], x[1], x[2], n, 1, ray_begin, &time);
+    for (int k = 0; k < 3; ++k) std::copy_n(motion_->canonical(k), round_up(n, kLane), x[k]);
   }
 
-  // Moves the lattice's corners, and the points as these are.
+  // Adds to the points the offsets of the lattice's corners.
   void interpolate(int n, Real time) {
     const int m = static_cast<int>(lattice_.corners().size());
     offsets_.clear();
     for (const Vec3d& corner : lattice_.corners())
       offsets_.push_back(field_.grid_position(corner.cast<Real>()));
     for (int k = 0; k < 3; ++k) {
-      for (size_t i = 0; i < offsets_.size(); ++i) canonical_[k][i] = offsets_[i][k];
-      std::fill(canonical_[k] + m, canonical_[k] + round_up(m, kLane), 0.5_r);
+      for (int i = 0; i < m; ++i) corner_[k][i] = offsets_[static_cast<size_t>(i)][k];
+      std::fill(corner_[k] + m, corner_[k] + round_up(m, kLane), 0.5_r);
     }
-    ask_motion(canonical_[0], canonical_[1], canonical_[2], m, time);
-    for (int k = 0; k < 3; ++k)
-      for (size_t i = 0; i < offsets_.size(); ++i)
-        offsets_[i][k] = motion_->canonical(k)[i] - offsets_[i][k];
+    lead(corner_, m, time);
+    for (int i = 0; i < m; ++i) {
+      Vec3& offset = offsets_[static_cast<size_t>(i)];
+      offset = Vec3{corner_[0][i], corner_[1][i], corner_[2][i]} - offset;
+    }
     for (int i = 0; i < n; ++i) {
-      const Vec3 p = Vec3{x_[i], y_[i], z_[i]} + lattice_.at(static_cast<size_t>(i), offsets_);
-      for (int k = 0; k < 3; ++k) canonical_[k][i] = p[k];
+      const Vec3 offset = lattice_.at(static_cast<size_t>(i), offsets_);
+      for (int k = 0; k < 3; ++k) canonical_[k][i] += offset[k];
     }
-    for (Real* const a : canonical_) std::fill(a + n, a + round_up(n, kLane), 0.5_r);
   }
 
   // The code of a photo, the same for all points.
@@ -201,8 +202,7 @@ class GridQuery final : public FieldQuery {
   std::unique_ptr<MotionChunk> motion_;
   bool motion_goes_back_ = false;
   alignas(64) Real x_[kBlock], y_[kBlock], z_[kBlock];
-  bool interpolated_ = false;  // whether canonical_ holds the points, not motion_
-  alignas(64) Real canonical_[3][kBlock];
+  alignas(64) Real canonical_[3][kBlock], corner_[3][kBlock];
   internal::PointLattice lattice_;
   std::vector<Vec3> offsets_;  // of its corners
   int32_t ray_begin_[kBlock + 1];

@@ -108,7 +108,9 @@ void search(const GridField& field, const LayerPacks& packs, Real time, int casc
         }
       }
     std::vector<Real> density(points.size());
-    query->ask({points, {}, time, -1, static_cast<Real>(4 * width)}, {density, {}, {}});
+    query->ask(
+        {.positions = points, .time = time, .motion_spacing = field.occupancy.brick_width(cascade)},
+        {.density = density});
     for (size_t i = 0; i < points.size(); ++i)
       if (density[i] >= least) blocks.mark(of[i].first, of[i].second);
   });

@@ -211,7 +211,7 @@ void OccupancyGrid::measure_occupied() {
     occupied += __builtin_popcountll(masks_[b]);
     const int c = static_cast<int>(b / bricks_of_cascade());
     const Vec3 corner = cell_corner(static_cast<int64_t>(b % bricks_of_cascade()) * 64, c);
-    const Real w = 4 * cell_width(c);
+    const Real w = brick_width(c);
     occupied_box_.extend(corner.cast<double>());
     occupied_box_.extend((corner + Vec3{w, w, w}).cast<double>());
   }

@@ -134,7 +134,7 @@ struct RaySampler::Passage {
 Real RaySampler::march_cascade(Traversal& v, int& cascade, Real t) {
   const int c = cascade;
   const int bricks = grid_.bricks(), half = bricks / 2;
-  const Real cell_width = grid_.cell_width(c), width = 4 * cell_width;
+  const Real width = grid_.brick_width(c);
   int at[3];
   Real next[3];
   for (int i = 0; i < 3; ++i) {

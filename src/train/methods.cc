@@ -87,7 +87,7 @@ void mipnerf360_paper(TrainOptions& o) {
   o.recipe.anneal = true;
 }
 
-// The publication as far as it says, else kwea123/nerf_pl, branch nerfw (docs/methods.md).
+// The publication as far as it says, else kwea123/nerf_pl, branch nerfw (docs/methods/nerfw.md).
 void nerfw_paper(TrainOptions& o) {
   nerf_paper(o);
   NetworkOptions& n = o.network;
@@ -214,7 +214,7 @@ void shrink(TrainOptions& o, int width, int rays) {
   o.warmup_steps = std::min(o.warmup_steps, 128);
   o.recipe.negligible = 1e-4_r;
   // What is learnt first counts a hundred times as much as what is not yet, and the rest is called
-  // transient: a few thousand steps do not undo that (docs/methods.md).
+  // transient: a few thousand steps do not undo that (docs/methods/nerfw.md).
   o.recipe.least_deviation = std::max(o.recipe.least_deviation, 0.3_r);
   // A plan of minutes does not know its length while it begins.
   o.recipe.anneal_steps = kAnnealSteps;

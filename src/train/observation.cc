@@ -66,9 +66,11 @@ void GridTrainer::refresh() {
       ++n;
     }
     const size_t count = static_cast<size_t>(n);
-    const Real spacing = n > 0 ? 4 * grid.cell_width(cascade[0]) : 0;
-    query->ask({std::span(at_points, count), {}, moment(block), -1, spacing},
-               {std::span(density, count), {}, {}});
+    if (n == 0) return;
+    query->ask({.positions = std::span(at_points, count),
+                .time = moment(block),
+                .motion_spacing = grid.brick_width(cascade[0])},
+               {.density = std::span(density, count)});
     for (int k = 0; k < n; ++k)
       grid.observe(cascade[k], cell[k], -std::expm1(-density[k] * grid.cell_width(cascade[k])));
   });

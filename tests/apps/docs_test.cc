@@ -52,7 +52,7 @@ TEST(Docs, NameOnlyOptionsThatAProgramHas) {
   ASSERT_TRUE(known.contains("--grid-levels"));
   const fs::path root = NERF_SOURCE_DIR;
   std::vector<fs::path> documents = {root / "README.md"};
-  for (const auto& entry : fs::directory_iterator(root / "docs"))
+  for (const auto& entry : fs::recursive_directory_iterator(root / "docs"))
     if (entry.path().extension() == ".md") documents.push_back(entry.path());
   const std::set<std::string> of_cmake = {"--install", "--prefix", "--preset"};
   for (const fs::path& document : documents)

@@ -18,10 +18,10 @@ namespace nerf {
 
 // Points to ask a field at. Engine coordinates.
 struct FieldPoints {
-  std::span<const Vec3d> positions;
-  std::span<const Vec3d> directions;  // unit; as many where colours are wanted, else none
-  Real time = 0;                      // [0, 1]; a static field is the same at any
-  int photo = -1;                     // in whose light; below 0: the field's default
+  std::span<const Vec3d> positions = {};
+  std::span<const Vec3d> directions = {};  // unit; as many where colours are wanted, else none
+  Real time = 0;                           // [0, 1]; a static field is the same at any
+  int photo = -1;                          // in whose light; below 0: the field's default
   // Above 0, motion is interpolated between the corners of a lattice so wide (engine units) where
   // the points are close enough together for these to be fewer; gradients are exact all the same.
   Real motion_spacing = 0;
@@ -29,9 +29,9 @@ struct FieldPoints {
 
 // What is wanted of n points; an empty span is not computed.
 struct FieldAnswers {
-  std::span<Real> density;   // [n], 1 / engine unit
-  std::span<Real> rgb;       // [n][3], sRGB in [0, 1]
-  std::span<Real> gradient;  // [n][3], of density by position
+  std::span<Real> density = {};   // [n], 1 / engine unit
+  std::span<Real> rgb = {};       // [n][3], sRGB in [0, 1]
+  std::span<Real> gradient = {};  // [n][3], of density by position
 };
 
 // One thread's way to ask a field: the only one, for pictures of points, training's occupancy and

@@ -43,6 +43,7 @@ class OccupancyGrid {
   int bricks() const { return side_ / 4; }
   int64_t cells() const { return int64_t{side_} * side_ * side_; }  // of one cascade
   Real cell_width(int cascade) const { return cell_widths_[static_cast<size_t>(cascade)]; }
+  Real brick_width(int cascade) const { return 4 * cell_width(cascade); }
 
   // Finest cascade that holds p; cascades() where none does.
   int cascade_of(const Vec3& p) const {
