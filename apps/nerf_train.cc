@@ -311,7 +311,8 @@ class Training {
     log_lines(trainer_.rolling_shutter());
     if (const TrainingPlan plan = trainer_.options().plan(); !plan.changes.list.empty())
       log_info("the same result again: " + equivalent_command(command_, plan));
-    if (refines()) write_cameras(folder_.refined(), trainer_.snapshot().info(), scene_);
+    if (refines() || scene_.cameras_adjusted)
+      write_cameras(folder_.refined(), trainer_.snapshot().info(), scene_);
     log_info(fmt::format("written to  {}", folder_.path().string()));
     report();
     return kExitOk;

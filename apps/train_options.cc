@@ -87,6 +87,9 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
       format != SceneFormat::kVideo)
     out.push_back("--camera-model is not used: the capture comes with its cameras");
+  if (given.contains("adjust_cameras") &&
+      (format == SceneFormat::kPhotos || format == SceneFormat::kVideo))
+    out.push_back("--adjust-cameras is not used: the cameras are found from the photos");
   if (given.contains("cut_out") && scene.alpha && !scene.cut_out)
     out.push_back("--cut-out is not used: the photos have alpha");
   if (given.contains("background") && scene.cut_out)
@@ -117,6 +120,7 @@ SceneOptions TrainCommand::scene_options() const {
   o.far = far;
   o.times = times;
   o.camera_model = camera_model;
+  o.adjust_cameras = adjust_cameras;
   o.cut_out = cut_out;
   o.work_folder = out / kCaptureFolder;
   o.run_folder = out;

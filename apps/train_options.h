@@ -58,6 +58,7 @@ struct TrainCommand {
   std::optional<double> near, far;
   std::string times;
   std::string camera_model = "auto";
+  AdjustCameras adjust_cameras = AdjustCameras::kAuto;
   CutOut cut_out;
   int threads = 0;
   bool resume = false;
@@ -99,6 +100,11 @@ struct TrainCommand {
       "their names; or a file {\"photo\": time}, in any unit",
       metavar("frame|name|FILE.json"));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
+    v("adjust_cameras", adjust_cameras,
+      "before the training: bundle adjustment of a COLMAP model's lenses, poses and points to its "
+      "keypoints; cameras of other captures are found anew, and moved to the given ones, which "
+      "takes colmap and minutes; auto: only the first, where keypoints are 2 pixels off in the "
+      "median");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "
       "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "

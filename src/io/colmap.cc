@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 
 #include "nerf/math/camera_paths.h"
 #include "paths.h"
@@ -58,6 +59,7 @@ void ColmapBuilder::add_image(const Cursor& at, uint32_t id,
                               std::string name) {
   const auto& [qw, qx, qy, qz, tx, ty, tz] = camera_from_world;
   const std::string who = fmt::format("image {} ({})", id, printable(name));
+  image_kept_ = false;
   if (clean_image_name(name).empty()) at.fail(fmt::format("image {} has no name", id));
   if (!names_.insert(clean_image_name(name)).second) at.fail(who + ": its name appears twice");
   if (!image_index_.emplace(id, static_cast<int>(model_.images.size())).second) {
@@ -85,6 +87,8 @@ void ColmapBuilder::add_image(const Cursor& at, uint32_t id,
     at.fail(fmt::format("{} refers to camera {}, which the model does not have", who, camera_id));
   }
   model_.images.push_back({std::move(name), camera->second, world_to_camera.inverse()});
+  keypoints_.emplace_back();
+  image_kept_ = true;
 }
 
 void ColmapBuilder::leave_out(const std::string& problem, const std::string& where, uint32_t id,
@@ -104,12 +108,16 @@ void ColmapBuilder::add_point(const Vec3d& position, double error) {
   model_.points.push_back({position, std::isfinite(error) && error > 0 ? error : 0, 0});
 }
 
-void ColmapBuilder::add_track(uint32_t image_id) {
+void ColmapBuilder::add_track(uint32_t image_id, uint32_t keypoint) {
   if (!point_kept_) return;
   const auto image = image_index_.find(image_id);
   if (image == image_index_.end()) return;  // seen by an image that was taken out of the model
   ++model_.points.back().views;
   model_.observations.push_back({image->second, static_cast<int32_t>(model_.points.size()) - 1});
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<Vec2d>& keypoints = keypoints_[static_cast<size_t>(image->second)];
+  model_.keypoints.push_back(keypoint < keypoints.size() ? keypoints[keypoint]
+                                                         : Vec2d{kUnknown, kUnknown});
 }
 
 ColmapModel ColmapBuilder::finish() {

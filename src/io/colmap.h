@@ -31,6 +31,7 @@ struct ColmapModel {
   std::vector<ColmapImage> images;
   std::vector<ScenePoint> points;
   std::vector<Observation> observations;
+  std::vector<Vec2d> keypoints;  // of the observations, pixels; not a number where none is stored
   std::vector<std::string> warnings;
 };
 
@@ -44,9 +45,14 @@ class ColmapBuilder {
   // Quaternion w x y z and translation of camera-from-world, as stored.
   void add_image(const Cursor& at, uint32_t id, const std::array<double, 7>& camera_from_world,
                  uint32_t camera_id, std::string name);
-  // Begins a point; add_track adds the images that see it. A point that is not finite is left out.
+  // The next place that the image added last saw something at.
+  void add_keypoint(const Vec2d& pixel) {
+    if (image_kept_) keypoints_.back().push_back(pixel);
+  }
+  // Begins a point; add_track adds an image that sees it
+  // and which of its keypoints that is. A point that is not finite is left out.
   void add_point(const Vec3d& position, double error);
-  void add_track(uint32_t image_id);
+  void add_track(uint32_t image_id, uint32_t keypoint);
   void warn(std::string text) { model_.warnings.push_back(std::move(text)); }
   ColmapModel finish();
 
@@ -63,7 +69,8 @@ class ColmapBuilder {
   std::vector<std::string> left_out_;  // names
   std::optional<Error> first_problem_;
   std::unordered_set<std::string> names_;
-  bool point_kept_ = false;
+  std::vector<std::vector<Vec2d>> keypoints_;  // of each image
+  bool image_kept_ = false, point_kept_ = false;
   int points_dropped_ = 0;
 };
 

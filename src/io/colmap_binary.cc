@@ -40,7 +40,12 @@ void read_colmap_images_binary(const std::filesystem::path& file, ColmapBuilder&
     const auto camera = in.read<uint32_t>("an image");
     builder.add_image(in, id, pose, camera, in.read_text("an image's name"));
     const uint64_t points = in.read_count("the number of 2D points", 3 * 8);
-    in.skip(points * 3 * 8, "an image's 2D points");
+    for (uint64_t k = 0; k < points; ++k) {
+      const auto x = in.read<double>("an image's 2D points");
+      const auto y = in.read<double>("an image's 2D points");
+      in.skip(8, "an image's 2D points");
+      builder.add_keypoint({x, y});
+    }
   }
   in.expect_end();
 }
@@ -58,8 +63,8 @@ void read_colmap_points_binary(const std::filesystem::path& file, ColmapBuilder&
     builder.add_point(position, in.read<double>("a point"));
     const uint64_t track = in.read_count("the length of a point's track", 8);
     for (uint64_t k = 0; k < track; ++k) {
-      builder.add_track(in.read<uint32_t>("a point's track"));
-      in.skip(4, "a point's track");
+      const auto image = in.read<uint32_t>("a point's track");
+      builder.add_track(image, in.read<uint32_t>("a point's track"));
     }
   }
   in.expect_end();

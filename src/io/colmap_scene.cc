@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 
+#include "colmap_adjustment.h"
 #include "image_lookup.h"
 #include "paths.h"
 #include "scene_input.h"
@@ -155,7 +156,9 @@ std::vector<fs::path> find_colmap_models(const fs::path& root) {
   return found;
 }
 
-SceneInput read_colmap_scene(const fs::path& root) {
+SceneInput read_colmap_scene(const fs::path& root, AdjustCameras adjust,
+                             const std::function<void(const std::string&)>& progress,
+                             const Cancel* cancel) {
   const std::vector<Candidate> models = model_candidates(root);
   if (models.empty()) {
     throw Error("no COLMAP model was found", root.string(),
@@ -185,6 +188,8 @@ SceneInput read_colmap_scene(const fs::path& root) {
   for (const ColmapImage& image : model.images) names.push_back(image.name);
   input.image_folder = choose_image_folder(root, used, names, input);
   const std::vector<FoundImage> files = find_images(input.image_folder, names, &input.notes);
+  input.keypoints = has_keypoints(model);
+  input.cameras_adjusted = adjust_cameras(adjust, model, input.notes, progress, cancel);
   input.format = model.format + ", " + relative_name(folder, root);
   input.cameras = std::move(model.cameras);
   input.points = std::move(model.points);

@@ -79,7 +79,15 @@ void read_colmap_images_text(const std::filesystem::path& file, ColmapBuilder& b
 
     if (!in.next_line()) break;  // COLMAP's own reader takes a last image without 2D points
     uint64_t words = 0;
-    for (; !in.at_line_end(); ++words) in.word("a 2D point");
+    for (double x = 0; !in.at_line_end(); ++words) {
+      if (words % 3 == 2) {
+        in.word("a 2D point");
+        continue;
+      }
+      const double value = in.number<double>("a 2D point");
+      if (words % 3 == 1) builder.add_keypoint({x, value});
+      x = value;
+    }
     if (words % 3 != 0) {
       in.fail(fmt::format("{} values of 2D points, not a multiple of 3 (x, y, point id)", words),
               "every image has two lines, the second one may be empty");
@@ -100,8 +108,8 @@ void read_colmap_points_text(const std::filesystem::path& file, ColmapBuilder& b
     for (int k = 0; k < 3; ++k) in.number<int>("a colour");
     builder.add_point(position, in.number<double>("a reprojection error"));
     while (!in.at_line_end()) {
-      builder.add_track(in.number<uint32_t>("an image id of the track"));
-      in.number<uint32_t>("a 2D point index of the track");
+      const auto image = in.number<uint32_t>("an image id of the track");
+      builder.add_track(image, in.number<uint32_t>("a 2D point index of the track"));
     }
   }
   comment.check(count, file, builder);

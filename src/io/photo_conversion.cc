@@ -106,16 +106,15 @@ void convert(const Plan& plan, const fs::path& folder) {
     throw Error("cannot write: " + (out ? out->geterror() : OIIO::geterror()), to.string());
 }
 
-void link(const Plan& plan, const fs::path& folder) {
-  const fs::path to = folder / plan.name;
+}  // namespace
+
+void link_or_copy_photo(const fs::path& photo, const fs::path& to) {
   std::error_code failed;
-  fs::create_symlink(fs::weakly_canonical(plan.from), to, failed);
+  fs::create_symlink(fs::weakly_canonical(photo), to, failed);
   if (!failed) return;
-  fs::copy_file(plan.from, to, failed);  // some file systems have no links
+  fs::copy_file(photo, to, failed);  // some file systems have no links
   if (failed) throw errno_error(failed.value(), "cannot link or copy a photo to", to);
 }
-
-}  // namespace
 
 bool needs_conversion(const fs::path& photo) {
   static const std::set<std::string> kReadable{".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr",
@@ -149,7 +148,7 @@ fs::path prepared_photos(const fs::path& photos, const CaptureFolders& folders,
   pool.parallel_for(static_cast<int64_t>(plan.size()), [&](int64_t i) {
     const Plan& p = plan[static_cast<size_t>(i)];
     if (cancel != nullptr && cancel->requested()) throw Cancelled();
-    if (!p.convert) return link(p, staged.path());
+    if (!p.convert) return link_or_copy_photo(p.from, staged.path() / p.name);
     convert(p, staged.path());
     const std::lock_guard lock(mutex);
     ++done;

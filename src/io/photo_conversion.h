@@ -15,6 +15,9 @@ namespace nerf::internal {
 // JPEG XL, a camera's raw data.
 bool needs_conversion(const std::filesystem::path& photo);
 
+// A link to the photo, or a copy where the file system has no links. Throws Error.
+void link_or_copy_photo(const std::filesystem::path& photo, const std::filesystem::path& to);
+
 // The folder that colmap is to be run on: `photos` itself where it can read all of them. Else one
 // below folders.work with the same names, in which such photos are JPEG (PNG where they have
 // alpha), upright, with the EXIF data of the original, and the others are links. A photo that lies

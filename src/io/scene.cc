@@ -9,6 +9,7 @@
 
 #include "cut_out.h"
 #include "depth_file.h"
+#include "found_cameras.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "point_cloud.h"
@@ -170,6 +171,12 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
   if (path != given) report.notes.insert(report.notes.begin(), "the scene is in " + path.string());
 
   internal::resolve_images(input, options.downscale, report, &scene.alpha);
+  const bool found = format == SceneFormat::kPhotos || format == SceneFormat::kVideo;
+  if (options.adjust_cameras == AdjustCameras::kOn && !input.keypoints && !found) {
+    input.notes.clear();
+    input.cameras_adjusted = internal::find_cameras_anew(input, options, progress, cancel);
+    report.notes.insert(report.notes.end(), input.notes.begin(), input.notes.end());
+  }
   scene.cut_out =
       internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale, report);
   scene.alpha = scene.alpha || scene.cut_out;
@@ -187,6 +194,7 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
   if (input.times && (times.empty() || (times == "frame" && input.times->on_request)))
     scene.frame_interval = input.times->interval;
   scene.cameras = input.cameras;
+  scene.cameras_adjusted = input.cameras_adjusted;
   scene.views = input.views;
   scene.points = std::move(input.points);
   scene.states_depths = !input.depths.empty();

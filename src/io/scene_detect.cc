@@ -255,7 +255,7 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
     case SceneFormat::kNerfies:
       return read_nerfies_scene(path);
     case SceneFormat::kColmap:
-      return read_colmap_scene(path);
+      return read_colmap_scene(path, run.options.adjust_cameras, run.progress, run.cancel);
     case SceneFormat::kTransforms:
       if (folder && !path_exists(path / "transforms.json")) return read_phone_scene(path);
       return read_transforms_scene(folder ? path / "transforms.json" : path);

@@ -36,9 +36,11 @@ struct SceneInput {
   std::filesystem::path image_folder;  // what View::name is relative to, for masks
   std::filesystem::path listing;       // the file that names the images, for errors; may be empty
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
-  int images_total = 0;     // listed by the files or found beside the registered ones
-  bool blender = false;     // rendered: +z is up, and alpha, where there is any, is real
-  std::optional<Vec3d> up;  // where the files say it
+  int images_total = 0;           // listed by the files or found beside the registered ones
+  bool keypoints = false;         // cameras were asked to be adjusted, and there is what to
+  bool cameras_adjusted = false;  // they are not those of the files
+  bool blender = false;           // rendered: +z is up, and alpha, where there is any, is real
+  std::optional<Vec3d> up;        // where the files say it
   std::vector<std::filesystem::path> point_files;  // named as the points; read where there are none
   std::vector<std::string> notes, ignored, warnings;
 };
@@ -49,7 +51,11 @@ void keep_views(SceneInput& input, const std::vector<char>& keep);
 // Models below root: sparse/N, sparse, colmap/sparse/N, dense/sparse, distorted/sparse/0, or root
 // itself.
 std::vector<std::filesystem::path> find_colmap_models(const std::filesystem::path& root);
-SceneInput read_colmap_scene(const std::filesystem::path& root);
+// Throws Error, Cancelled.
+SceneInput read_colmap_scene(const std::filesystem::path& root,
+                             AdjustCameras adjust = AdjustCameras::kOff,
+                             const std::function<void(const std::string&)>& progress = {},
+                             const Cancel* cancel = nullptr);
 
 // transforms.json of nerfstudio or instant-ngp.
 SceneInput read_transforms_scene(const std::filesystem::path& file);

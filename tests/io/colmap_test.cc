@@ -53,6 +53,7 @@ void expect_same(const ColmapModel& a, const ColmapModel& b) {
   for (size_t i = 0; i < a.observations.size(); ++i) {
     EXPECT_EQ(a.observations[i].image, b.observations[i].image);
     EXPECT_EQ(a.observations[i].point, b.observations[i].point);
+    EXPECT_EQ(a.keypoints[i], b.keypoints[i]);
   }
 }
 
@@ -76,7 +77,15 @@ TEST(Colmap, ReadsABinaryModel) {
   ASSERT_EQ(model.points.size(), 3u);
   EXPECT_EQ(model.points[1].error, 0.5);
   EXPECT_EQ(model.points[1].views, 3);
-  EXPECT_EQ(model.observations.size(), 9u);
+  ASSERT_EQ(model.observations.size(), 9u);
+  ASSERT_EQ(model.keypoints.size(), 9u);
+  for (size_t i = 0; i < 9; ++i) {  // where the test's own pinhole sees the points
+    const Observation& o = model.observations[i];
+    const Vec3d d =
+        ring_pose(o.image, 4).inverse() * model.points[static_cast<size_t>(o.point)].position;
+    EXPECT_NEAR(model.keypoints[i].x, 50 * d.x / d.z + 20, 1e-12);
+    EXPECT_NEAR(model.keypoints[i].y, 50 * d.y / d.z + 15, 1e-12);
+  }
   EXPECT_TRUE(model.warnings.empty());
 }
 

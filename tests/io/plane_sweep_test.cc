@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kFloor = -0.5, kBall = 0.6;
 
-double texture(double a, double b, double c) {
+double wall_colour(double a, double b, double c) {
   return 0.5 + 0.15 * (std::sin(9 * a + 2) * std::sin(11 * b) + std::sin(17 * a + 5 * c) +
                        std::sin(23 * b - 4 * c));
 }
@@ -23,11 +23,11 @@ double grey_of(const Vec3d& eye, const Vec3d& d) {
   const double b = dot(eye, d), root = b * b - (dot(eye, eye) - kBall * kBall);
   if (root > 0) {
     const Vec3d p = eye + d * (-b - std::sqrt(root));
-    return texture(p.x, p.y, p.z);
+    return wall_colour(p.x, p.y, p.z);
   }
   if (d.z < 0) {
     const Vec3d p = eye + d * ((kFloor - eye.z) / d.z);
-    if (std::hypot(p.x, p.y) < 3) return texture(0.7 * p.x, 0.7 * p.y, 0);
+    if (std::hypot(p.x, p.y) < 3) return wall_colour(0.7 * p.x, 0.7 * p.y, 0);
   }
   return 0.8;
 }

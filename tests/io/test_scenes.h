@@ -96,7 +96,14 @@ inline Pose ring_pose(int i, int n, double radius = 4, double height = 1) {
   return look_at({radius * std::cos(a), radius * std::sin(a), height}, {0, 0, 0});
 }
 
-// n images "00.png".. of one camera; every point is seen by the first images.
+// Where a camera as TestCamera's sees a point: pixels, and the point's id.
+inline std::array<double, 3> keypoint_of(const Pose& pose, const TestPoint& point) {
+  const Vec3d d = pose.inverse() * point.position;
+  return {50 * d.x / d.z + 20, 50 * d.y / d.z + 15, static_cast<double>(point.id)};
+}
+
+// n images "00.png".. of one camera; every point is seen by the first images, where its keypoints
+// say.
 inline TestModel ring_model(int n = 4, int points = 3) {
   TestModel model;
   model.cameras.push_back({});
@@ -115,8 +122,13 @@ inline TestModel ring_model(int n = 4, int points = 3) {
                  r = std::cbrt(std::fmod(i * 0.754, 1.0));
     const double flat = r * std::sqrt(1 - z * z);
     point.position = {flat * std::cos(a), flat * std::sin(a), r * z};
-    for (int k = 0; k < std::min(n, 3); ++k)
-      point.track.push_back({static_cast<uint32_t>(k) + 1, 0});
+    for (int k = 0; k < std::min(n, 3); ++k) {
+      auto& keypoints = model.images[static_cast<size_t>(k)].points2d;
+      if (i == 0) keypoints.clear();
+      point.track.push_back(
+          {static_cast<uint32_t>(k) + 1, static_cast<uint32_t>(keypoints.size())});
+      keypoints.push_back(keypoint_of(ring_pose(k, n), point));
+    }
     model.points.push_back(point);
   }
   return model;

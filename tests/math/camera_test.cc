@@ -11,18 +11,15 @@
 #include <string>
 #include <vector>
 
+#include "support/cameras.h"
+
 namespace nerf {
 namespace {
 
+using test::make_camera;
+
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
-
-Camera make_camera(CameraModel model, std::initializer_list<double> params) {
-  Camera camera{model, 640, 480, {}};
-  std::copy(params.begin(), params.end(), camera.params.begin());
-  EXPECT_EQ(static_cast<int>(params.size()), camera_model_params(model));
-  return camera;
-}
 
 // One lens of each model, with every coefficient in use.
 std::vector<Camera> all_cameras() {

@@ -13,13 +13,8 @@
 namespace nerf {
 namespace {
 
+using test::make_camera;
 using test::some_pose;
-
-Camera make_camera(CameraModel model, std::initializer_list<double> params) {
-  Camera camera{model, 640, 480, {}};
-  std::copy(params.begin(), params.end(), camera.params.begin());
-  return camera;
-}
 
 // A lens of each model that can be corrected, with every coefficient in use.
 std::vector<Camera> lenses() {

@@ -1,5 +1,10 @@
-// For tests: cameras without distortion, and a pose.
+// For tests: cameras, and a pose.
 #pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <initializer_list>
 
 #include "nerf/math/camera.h"
 #include "nerf/math/refined_camera.h"
@@ -13,6 +18,14 @@ inline Camera pinhole(int width, int height, double focal, double focal_y = 0) {
   camera.width = width;
   camera.height = height;
   camera.params = {focal, focal_y > 0 ? focal_y : focal, 0.5 * width, 0.5 * height};
+  return camera;
+}
+
+// 640x480 pixels, with all parameters of the model.
+inline Camera make_camera(CameraModel model, std::initializer_list<double> params) {
+  Camera camera{model, 640, 480, {}};
+  EXPECT_EQ(static_cast<int>(params.size()), camera_model_params(model));
+  std::copy(params.begin(), params.end(), camera.params.begin());
   return camera;
 }
 

@@ -2,6 +2,7 @@
 // engine works in. A few photos are decoded, for what they have of alpha or of a cut-out colour.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -70,6 +71,13 @@ enum class Split {
   kNone,  // everything trains, nothing is held out
 };
 
+// Whether the cameras of a COLMAP model are adjusted to its keypoints before anything else.
+enum class AdjustCameras { kOff, kAuto, kOn };  // kAuto: where they do not fit
+inline auto option_names(AdjustCameras) {
+  return std::array{OptionName{AdjustCameras::kOff, "off"},
+                    OptionName{AdjustCameras::kAuto, "auto"}, OptionName{AdjustCameras::kOn, "on"}};
+}
+
 struct SceneOptions {
   SceneFormat format = SceneFormat::kAuto;
   Split split = Split::kTest;
@@ -83,6 +91,7 @@ struct SceneOptions {
   // {"photo": time}. Empty: what the files say.
   std::string times;
   std::string camera_model = "auto";  // for photos without a model (capture_tools.h)
+  AdjustCameras adjust_cameras = AdjustCameras::kAuto;
   CutOut cut_out;                     // of photos without alpha
   std::filesystem::path work_folder;  // where photos and video put frames and the model
   std::filesystem::path run_folder;   // pictures below it are no photos; empty: none
@@ -124,6 +133,7 @@ struct Scene {
   std::vector<int> train, test;           // indices into views
   SceneOptions options;                   // as given; `format` is the one that was found
   CaptureTimes times;                     // of View::time
+  bool cameras_adjusted = false;          // they are not those of the capture's files
   double frame_interval = 0;              // of the film, in View::clock's unit; 0: not known
   bool alpha = false;                     // photos carry alpha (Blender): composite on a background
   std::optional<Rgb8> cut_out;            // photos get alpha where they have this background

@@ -1,0 +1,217 @@
+#include "colmap_adjustment.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "math/bundle_adjustment.h"
+#include "nerf/math/camera_paths.h"
+
+namespace nerf::internal {
+namespace {
+
+// Share of keypoints that may lie outside of their photo: more, and they are of photos of another
+// size.
+constexpr double kMostOutside = 0.01;
+
+struct ModelKeypoints {
+  Bundle bundle;  // points as the model's; keypoints that are known
+  double outside = 0;
+};
+
+ModelKeypoints keypoints_of(const ColmapModel& model) {
+  ModelKeypoints out;
+  Bundle& bundle = out.bundle;
+  bundle.cameras = model.cameras;
+  for (const ColmapImage& image : model.images) bundle.images.push_back({image.camera, image.pose});
+  for (const ScenePoint& point : model.points) bundle.points.push_back(point.position);
+  for (size_t i = 0; i < model.observations.size(); ++i) {
+    const Observation& o = model.observations[i];
+    const Vec2d& pixel = model.keypoints[i];
+    if (!std::isfinite(pixel.x) || !std::isfinite(pixel.y)) continue;
+    const Camera& camera =
+        model.cameras[static_cast<size_t>(model.images[static_cast<size_t>(o.image)].camera)];
+    out.outside += pixel.x < 0 || pixel.y < 0 || pixel.x > camera.width || pixel.y > camera.height;
+    bundle.keypoints.push_back({o.image, o.point, pixel});
+  }
+  out.outside /= std::max<double>(1, static_cast<double>(bundle.keypoints.size()));
+  return out;
+}
+
+void take_over(const Bundle& bundle, ColmapModel& model) {
+  model.cameras = bundle.cameras;
+  for (size_t i = 0; i < model.images.size(); ++i) {
+    model.images[i].camera = bundle.images[i].camera;
+    model.images[i].pose = bundle.images[i].pose;
+  }
+  for (size_t p = 0; p < model.points.size(); ++p) model.points[p].position = bundle.points[p];
+  const std::vector<double> errors = reprojection_errors(bundle);
+  std::vector<double> sums(model.points.size()), counts(model.points.size());
+  for (size_t k = 0; k < errors.size(); ++k) {
+    sums[static_cast<size_t>(bundle.keypoints[k].point)] += errors[k];
+    ++counts[static_cast<size_t>(bundle.keypoints[k].point)];
+  }
+  for (size_t p = 0; p < model.points.size(); ++p)
+    if (counts[p] > 0) model.points[p].error = std::isfinite(sums[p]) ? sums[p] / counts[p] : 0;
+}
+
+}  // namespace
+
+bool has_keypoints(const ColmapModel& model) {
+  return std::ranges::any_of(
+      model.keypoints, [](const Vec2d& k) { return std::isfinite(k.x) && std::isfinite(k.y); });
+}
+
+namespace {
+
+struct Text {
+  std::vector<std::string>& notes;
+  const std::function<void(const std::string&)>& progress;
+};
+
+// Adjusts a bundle whose cameras are wrong, or where that is asked for; whether it was changed.
+bool adjust_to_keypoints(bool asked, double outside, Bundle& bundle, const Text& text,
+                         ThreadPool& pool, const Cancel* cancel) {
+  const double before = quantile(reprojection_errors(bundle), 0.5);
+  if (!asked && before <= kWrongCameras) return false;
+  const std::string wrong =
+      fmt::format("the points lie {:.1f} pixels (median) from where the photos saw them", before);
+  if (outside > kMostOutside) {
+    text.notes.push_back(wrong +
+                         ", many of them outside of the photos: the keypoints are of photos of "
+                         "another size, and cameras are not adjusted to them");
+    return false;
+  }
+  if (adjustment_unknowns(bundle) > kMostUnknowns) {
+    text.notes.push_back(wrong +
+                         "; of so many photos cameras are not adjusted here: run colmap "
+                         "bundle_adjuster on the model");
+    return false;
+  }
+  if (text.progress)
+    text.progress(
+        fmt::format("adjusting {} cameras and {} points to {} keypoints, {:.1f} pixels "
+                    "off",
+                    bundle.images.size(), bundle.points.size(), bundle.keypoints.size(), before));
+  Bundle adjusted = bundle;
+  const AdjustmentResult result = adjust_bundle(adjusted, pool, cancel);
+  const bool better = result.after < (asked ? result.before : result.before / 2);
+  if (!better || !(asked || result.after <= kWrongCameras)) {
+    text.notes.push_back(
+        fmt::format("{}, and no cameras were found that fit (median {:.1f} at best): they stay as "
+                    "they are",
+                    wrong, result.after));
+    return false;
+  }
+  text.notes.push_back(
+      fmt::format("{}: cameras, lenses and points were adjusted, to {:.1f} pixels; "
+                  "--adjust-cameras off leaves them as they are",
+                  wrong, result.after));
+  bundle = std::move(adjusted);
+  return true;
+}
+
+// Cauchy's losses as at the end of an adjustment.
+double loss_of(const Bundle& bundle) {
+  double sum = 0;
+  for (const double error : reprojection_errors(bundle))
+    sum += std::log1p(error * error / (kLossScale * kLossScale));
+  return sum;
+}
+
+bool is_perspective(CameraModel model) {
+  return model == CameraModel::kSimplePinhole || model == CameraModel::kPinhole ||
+         model == CameraModel::kSimpleRadial || model == CameraModel::kRadial ||
+         model == CameraModel::kOpenCV;
+}
+
+// The bundle with one RADIAL lens for the photos of each size that have a camera each, with focal
+// lengths about the same; their names for a person. None where there are no such photos.
+std::string share_lenses(Bundle& bundle) {
+  constexpr size_t kFewest = 8;                // photos; fewer do not tell a lens
+  constexpr double kApart = 0.1, kMost = 0.2;  // of the median; share of those farther from it
+  std::vector<int> users(bundle.cameras.size());
+  for (const Bundle::Image& image : bundle.images) ++users[static_cast<size_t>(image.camera)];
+  std::map<std::pair<int, int>, std::vector<size_t>> alike;  // images
+  for (size_t i = 0; i < bundle.images.size(); ++i) {
+    const size_t c = static_cast<size_t>(bundle.images[i].camera);
+    const Camera& camera = bundle.cameras[c];
+    if (users[c] == 1 && is_perspective(camera.model))
+      alike[{camera.width, camera.height}].push_back(i);
+  }
+  std::string said;
+  for (const auto& [size, images] : alike) {
+    if (images.size() < kFewest) continue;
+    const auto camera_of = [&](size_t image) -> const Camera& {
+      return bundle.cameras[static_cast<size_t>(bundle.images[image].camera)];
+    };
+    const auto median_of = [&](double (Camera::*of)() const) {
+      std::vector<double> values;
+      for (const size_t i : images) values.push_back((camera_of(i).*of)());
+      return quantile(values, 0.5);
+    };
+    const double focal = median_of(&Camera::fx);
+    const auto is_apart = [&](size_t i) {
+      return std::abs(camera_of(i).fx() / focal - 1) > kApart;
+    };
+    if (static_cast<double>(std::ranges::count_if(images, is_apart)) >
+        kMost * static_cast<double>(images.size()))
+      continue;
+    const auto [least, most] =
+        std::ranges::minmax(images, {}, [&](size_t i) { return camera_of(i).fx(); });
+    said += fmt::format(
+        "{}{} photos of {} x {} pixels had a lens each, focal lengths {:.0f} to "
+        "{:.0f} pixels",
+        said.empty() ? "" : "; ", images.size(), size.first, size.second, camera_of(least).fx(),
+        camera_of(most).fx());
+    const auto shared = static_cast<int>(bundle.cameras.size());
+    bundle.cameras.push_back({CameraModel::kRadial,
+                              size.first,
+                              size.second,
+                              {focal, median_of(&Camera::cx), median_of(&Camera::cy)}});
+    for (const size_t i : images) bundle.images[i].camera = shared;
+  }
+  return said;
+}
+
+// Where a model has a lens for each photo and fewer explain its keypoints as well, those; whether
+// the bundle was changed. colmap gives each photo one unless it is told that there is one camera,
+// and a focal length that a single photo tells is bent to whatever its place is wrong by.
+bool adjust_to_shared_lenses(Bundle& bundle, const Text& text, ThreadPool& pool,
+                             const Cancel* cancel) {
+  constexpr double kAsWell = 1.2;  // of the loss; lenses that differ have several times as much
+  Bundle shared = bundle;
+  const std::string said = share_lenses(shared);
+  if (said.empty() || adjustment_unknowns(shared) > kMostUnknowns) return false;
+  if (text.progress) text.progress("adjusting: " + said + "; does one for all explain them?");
+  adjust_bundle(shared, pool, cancel);
+  if (!(loss_of(shared) <= kAsWell * loss_of(bundle))) return false;
+  text.notes.push_back(
+      fmt::format("{}: one for all, of {:.0f} pixels, explains them as well, and "
+                  "cameras were adjusted to it; --adjust-cameras off leaves them "
+                  "as they are",
+                  said, shared.cameras.back().fx()));
+  bundle = std::move(shared);
+  return true;
+}
+
+}  // namespace
+
+bool adjust_cameras(AdjustCameras wanted, ColmapModel& model, std::vector<std::string>& notes,
+                    const std::function<void(const std::string&)>& progress, const Cancel* cancel) {
+  if (wanted == AdjustCameras::kOff || !has_keypoints(model)) return false;
+  auto [bundle, outside] = keypoints_of(model);
+  const Text text{notes, progress};
+  ThreadPool pool;
+  bool changed =
+      adjust_to_keypoints(wanted == AdjustCameras::kOn, outside, bundle, text, pool, cancel);
+  // Lenses are compared by keypoints that fit.
+  if (outside <= kMostOutside && quantile(reprojection_errors(bundle), 0.5) <= kWrongCameras)
+    changed |= adjust_to_shared_lenses(bundle, text, pool, cancel);
+  if (changed) take_over(bundle, model);
+  return changed;
+}
+
+}  // namespace nerf::internal
