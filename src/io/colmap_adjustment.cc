@@ -7,6 +7,7 @@
 #include <map>
 
 #include "math/bundle_adjustment.h"
+#include "nerf/base/memory.h"
 #include "nerf/math/camera_paths.h"
 
 namespace nerf::internal {
@@ -66,6 +67,21 @@ bool has_keypoints(const ColmapModel& model) {
 
 namespace {
 
+bool is_too_large(const Bundle& bundle, int64_t most_unknowns) {
+  const uint64_t memory = available_memory_bytes();
+  return adjustment_unknowns(bundle) > most_unknowns ||
+         (memory > 0 && adjustment_bytes(bundle) > memory / 2);
+}
+
+// Median error above which cameras are wrong, pixels: keypoints of large photos are found in
+// smaller ones, and are off by as much more.
+double wrong_from(const Bundle& bundle) {
+  int longest = 0;
+  for (const Camera& camera : bundle.cameras)
+    longest = std::max({longest, camera.width, camera.height});
+  return std::max(kWrongCameras, kWrongOfSide * longest);
+}
+
 struct Text {
   std::vector<std::string>& notes;
   const std::function<void(const std::string&)>& progress;
@@ -75,7 +91,7 @@ struct Text {
 bool adjust_to_keypoints(bool asked, double outside, Bundle& bundle, const Text& text,
                          ThreadPool& pool, const Cancel* cancel) {
   const double before = quantile(reprojection_errors(bundle), 0.5);
-  if (!asked && before <= kWrongCameras) return false;
+  if (!asked && before <= wrong_from(bundle)) return false;
   const std::string wrong =
       fmt::format("the points lie {:.1f} pixels (median) from where the photos saw them", before);
   if (outside > kMostOutside) {
@@ -84,7 +100,7 @@ bool adjust_to_keypoints(bool asked, double outside, Bundle& bundle, const Text&
                          "another size, and cameras are not adjusted to them");
     return false;
   }
-  if (adjustment_unknowns(bundle) > kMostUnknowns) {
+  if (is_too_large(bundle, kMostUnknowns)) {
     text.notes.push_back(wrong +
                          "; of so many photos cameras are not adjusted here: run colmap "
                          "bundle_adjuster on the model");
@@ -98,7 +114,7 @@ bool adjust_to_keypoints(bool asked, double outside, Bundle& bundle, const Text&
   Bundle adjusted = bundle;
   const AdjustmentResult result = adjust_bundle(adjusted, pool, cancel);
   const bool better = result.after < (asked ? result.before : result.before / 2);
-  if (!better || !(asked || result.after <= kWrongCameras)) {
+  if (!better || !(asked || result.after <= wrong_from(bundle))) {
     text.notes.push_back(
         fmt::format("{}, and no cameras were found that fit (median {:.1f} at best): they stay as "
                     "they are",
@@ -181,10 +197,11 @@ std::string share_lenses(Bundle& bundle) {
 // and a focal length that a single photo tells is bent to whatever its place is wrong by.
 bool adjust_to_shared_lenses(Bundle& bundle, const Text& text, ThreadPool& pool,
                              const Cancel* cancel) {
+  constexpr int64_t kMostForLenses = 3600;  // 600 photos: nobody asked, and it takes a minute
   constexpr double kAsWell = 1.2;  // of the loss; lenses that differ have several times as much
   Bundle shared = bundle;
   const std::string said = share_lenses(shared);
-  if (said.empty() || adjustment_unknowns(shared) > kMostUnknowns) return false;
+  if (said.empty() || is_too_large(shared, kMostForLenses)) return false;
   if (text.progress) text.progress("adjusting: " + said + "; does one for all explain them?");
   adjust_bundle(shared, pool, cancel);
   if (!(loss_of(shared) <= kAsWell * loss_of(bundle))) return false;
@@ -208,7 +225,7 @@ bool adjust_cameras(AdjustCameras wanted, ColmapModel& model, std::vector<std::s
   bool changed =
       adjust_to_keypoints(wanted == AdjustCameras::kOn, outside, bundle, text, pool, cancel);
   // Lenses are compared by keypoints that fit.
-  if (outside <= kMostOutside && quantile(reprojection_errors(bundle), 0.5) <= kWrongCameras)
+  if (outside <= kMostOutside && quantile(reprojection_errors(bundle), 0.5) <= wrong_from(bundle))
     changed |= adjust_to_shared_lenses(bundle, text, pool, cancel);
   if (changed) take_over(bundle, model);
   return changed;

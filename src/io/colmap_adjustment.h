@@ -13,9 +13,9 @@
 namespace nerf::internal {
 
 // Median distance of keypoints from where their points are projected to, above which cameras are
-// wrong, and below which they fit: pixels of the photos that the keypoints were found in. COLMAP's
-// own models have 0.2 to 1.3; it drops keypoints that are 4 off.
-inline constexpr double kWrongCameras = 2;
+// wrong, and below which they fit: pixels, or a share of the photos' longest side if that is more.
+// COLMAP's own models have 0.2 to 1.3 pixels; it drops keypoints that are 4 off.
+inline constexpr double kWrongCameras = 2, kWrongOfSide = 0.001;
 
 // Whether the model says where in its photos it saw its points.
 bool has_keypoints(const ColmapModel& model);

@@ -79,18 +79,15 @@ void read_colmap_images_text(const std::filesystem::path& file, ColmapBuilder& b
 
     if (!in.next_line()) break;  // COLMAP's own reader takes a last image without 2D points
     uint64_t words = 0;
-    for (double x = 0; !in.at_line_end(); ++words) {
-      if (words % 3 == 2) {
-        in.word("a 2D point");
-        continue;
-      }
-      const double value = in.number<double>("a 2D point");
-      if (words % 3 == 1) builder.add_keypoint({x, value});
-      x = value;
-    }
+    for (LineCursor ahead = in; !ahead.at_line_end(); ++words) ahead.word("a 2D point");
     if (words % 3 != 0) {
       in.fail(fmt::format("{} values of 2D points, not a multiple of 3 (x, y, point id)", words),
               "every image has two lines, the second one may be empty");
+    }
+    for (uint64_t k = 0; k < words / 3; ++k) {
+      const double x = in.number<double>("a 2D point's x");
+      builder.add_keypoint({x, in.number<double>("a 2D point's y")});
+      in.word("a 2D point's id");
     }
   }
   comment.check(count, file, builder);

@@ -72,6 +72,11 @@ int64_t adjustment_unknowns(const Bundle& bundle) {
   return unknowns;
 }
 
+uint64_t adjustment_bytes(const Bundle& bundle) {
+  const auto unknowns = static_cast<uint64_t>(adjustment_unknowns(bundle));
+  return internal::BundleEquations::bytes(bundle.keypoints.size(), bundle.points.size(), unknowns);
+}
+
 AdjustmentResult adjust_bundle(Bundle& bundle, ThreadPool& pool, const Cancel* cancel) {
   NERF_CHECK(!bundle.keypoints.empty());
   NERF_CHECK(adjustment_unknowns(bundle) <= kMostUnknowns);

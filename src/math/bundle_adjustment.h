@@ -44,8 +44,9 @@ inline constexpr double kLossScale = 2;
 // Most unknowns of images and lenses together: their matrix is dense, 8 bytes for each pair.
 inline constexpr int64_t kMostUnknowns = 8000;
 
-// Unknowns of images and lenses that an adjustment would have.
+// Unknowns of images and lenses that an adjustment would have, and the memory that it would take.
 int64_t adjustment_unknowns(const Bundle& bundle);
+uint64_t adjustment_bytes(const Bundle& bundle);
 
 // Levenberg-Marquardt on the Schur complement of the points, with Cauchy's loss, whose scale falls
 // from three times the median error to kLossScale. Adjusted are poses, points, focal lengths and

@@ -157,6 +157,14 @@ BundleEquations::BundleEquations(const Bundle& given, ThreadPool& pool) : pool_(
   poses_.resize(keypoints_.size());
 }
 
+uint64_t BundleEquations::bytes(uint64_t keypoints, uint64_t points, uint64_t unknowns) {
+  constexpr uint64_t kOfKeypoint = sizeof(Keypoint) + 2 * sizeof(size_t) + sizeof(KeypointRow) +
+                                   sizeof(Eigen::Matrix<double, 6, 3>);
+  constexpr uint64_t kOfPoint = 2 * sizeof(Eigen::Matrix3d) + 2 * sizeof(Eigen::Vector3d) +
+                                sizeof(LensOfPoint) + 8 * sizeof(double);
+  return keypoints * kOfKeypoint + points * kOfPoint + unknowns * unknowns * sizeof(double);
+}
+
 double BundleEquations::cost(const Bundle& bundle, double loss_scale) {
   for_points(pool_, bundle.points.size(), [&](size_t p) {
     double sum = 0;

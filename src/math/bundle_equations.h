@@ -32,7 +32,8 @@ class BundleEquations {
   // than two are left out.
   BundleEquations(const Bundle& given, ThreadPool& pool);
 
-  int64_t unknowns() const { return unknowns_; }  // of images and lenses
+  // Memory that equations of that size take.
+  static uint64_t bytes(uint64_t keypoints, uint64_t points, uint64_t unknowns);
   // Sum of the losses and of the priors.
   double cost(const Bundle& bundle, double loss_scale);
   void linearise(const Bundle& bundle, double loss_scale);

@@ -201,6 +201,41 @@ TEST(ColmapAdjustment, OneCameraIsNotReplaced) {
   EXPECT_EQ(model.cameras.size(), 1u);
 }
 
+// A capture as a whole: poses in the scene are not those of the files.
+TEST(ColmapAdjustment, AScenesCamerasAreAdjusted) {
+  TestModel model = ring_model(12, 60);
+  model.cameras[0] = {1, 1, 640, 480, {800, 800, 320, 240}};
+  for (TestImage& image : model.images) image.points2d.clear();
+  for (TestPoint& point : model.points) {
+    point.track.clear();
+    for (int i = 0; i < 12; ++i) {
+      auto& keypoints = model.images[static_cast<size_t>(i)].points2d;
+      const auto [x, y, id] = keypoint_of(ring_pose(i, 12), point);
+      point.track.push_back(
+          {static_cast<uint32_t>(i) + 1, static_cast<uint32_t>(keypoints.size())});
+      keypoints.push_back({16 * x, 16 * y, id});
+    }
+  }
+  for (int i = 0; i < 12; ++i) {
+    Pose pose = ring_pose(i, 12);
+    pose.rotation = rotation_by({i % 2 ? 0.02 : -0.02, 0, 0.01 * (i % 3)}) * pose.rotation;
+    model.images[static_cast<size_t>(i)].pose = colmap_pose(pose);
+  }
+  TempFolder folder;
+  write_colmap_text(model, folder.path() / "sparse" / "0");
+  for (const TestImage& image : model.images)
+    write_picture(folder.path() / "images" / image.name, 640, 480);
+  SceneOptions options;
+  const Scene scene = load_scene(folder.path(), options);
+  EXPECT_TRUE(scene.cameras_adjusted);
+  EXPECT_TRUE(any_contains(scene.report.notes, "cameras, lenses and points were adjusted"));
+  EXPECT_LT(scene.report.mean_reprojection_error, 0.05);
+  options.adjust_cameras = AdjustCameras::kOff;
+  const Scene as_written = load_scene(folder.path(), options);
+  EXPECT_FALSE(as_written.cameras_adjusted);
+  EXPECT_GT(rotation_angle(as_written.views[1].pose.rotation, scene.views[1].pose.rotation), 0.005);
+}
+
 // Tracks may name keypoints that their image does not have.
 TEST(ColmapAdjustment, ReadsTracksWithoutKeypoints) {
   TestModel written = ring_model(4, 3);

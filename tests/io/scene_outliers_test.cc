@@ -15,6 +15,7 @@ using namespace nerf::test;
 // pictures as they were.
 TestModel ring_with(const std::vector<std::pair<size_t, Vec3d>>& moved) {
   TestModel model = ring_model(24, 100);
+  for (TestImage& image : model.images) image.points2d.clear();  // cameras stay where they are put
   for (TestPoint& point : model.points) {
     point.track.clear();
     for (uint32_t i = 1; i <= 24; ++i) point.track.push_back({i, 0});
