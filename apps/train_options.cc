@@ -85,7 +85,7 @@ std::vector<std::string> unused_options(const TrainCommand& command,
   std::vector<std::string> out;
   const SceneFormat format = scene.options.format;
   if (given.contains("camera_model") && format != SceneFormat::kPhotos &&
-      format != SceneFormat::kVideo)
+      format != SceneFormat::kVideo && command.adjust_cameras != AdjustCameras::kOn)
     out.push_back("--camera-model is not used: the capture comes with its cameras");
   if (given.contains("adjust_cameras") &&
       (format == SceneFormat::kPhotos || format == SceneFormat::kVideo))

@@ -101,10 +101,11 @@ struct TrainCommand {
       metavar("frame|name|FILE.json"));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
     v("adjust_cameras", adjust_cameras,
-      "before the training: bundle adjustment of a COLMAP model's lenses, poses and points to its "
-      "keypoints; cameras of other captures are found anew, and moved to the given ones, which "
-      "takes colmap and minutes; auto: only the first, where keypoints are 2 pixels off in the "
-      "median");
+      "before the training: lenses, poses and points of a COLMAP model are adjusted to its "
+      "keypoints; auto: where these are more than 2 pixels off in the median (a thousandth of "
+      "large photos' longest side), or one lens explains photos that have one each; on: also where "
+      "they fit, and cameras of captures without keypoints are found anew, which takes colmap and "
+      "minutes");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "
       "finds it at their border, off leaves it as matter, R,G,B says which; it counts as "

@@ -98,7 +98,8 @@ void ColmapBuilder::leave_out(const std::string& problem, const std::string& whe
   image_index_.erase(id);
 }
 
-void ColmapBuilder::add_point(const Vec3d& position, double error) {
+void ColmapBuilder::add_point(uint64_t id, const Vec3d& position, double error) {
+  point_ = id;
   point_kept_ = coordinate_ok(position);
   if (!point_kept_) {
     ++points_dropped_;
@@ -114,10 +115,11 @@ void ColmapBuilder::add_track(uint32_t image_id, uint32_t keypoint) {
   if (image == image_index_.end()) return;  // seen by an image that was taken out of the model
   ++model_.points.back().views;
   model_.observations.push_back({image->second, static_cast<int32_t>(model_.points.size()) - 1});
+  // A track that its own keypoint does not name is not believed: some programs write any numbers.
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  const std::vector<Vec2d>& keypoints = keypoints_[static_cast<size_t>(image->second)];
-  model_.keypoints.push_back(keypoint < keypoints.size() ? keypoints[keypoint]
-                                                         : Vec2d{kUnknown, kUnknown});
+  const std::vector<Keypoint>& keypoints = keypoints_[static_cast<size_t>(image->second)];
+  const bool known = keypoint < keypoints.size() && keypoints[keypoint].point == point_;
+  model_.keypoints.push_back(known ? keypoints[keypoint].pixel : Vec2d{kUnknown, kUnknown});
 }
 
 ColmapModel ColmapBuilder::finish() {

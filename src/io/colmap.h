@@ -45,13 +45,15 @@ class ColmapBuilder {
   // Quaternion w x y z and translation of camera-from-world, as stored.
   void add_image(const Cursor& at, uint32_t id, const std::array<double, 7>& camera_from_world,
                  uint32_t camera_id, std::string name);
-  // The next place that the image added last saw something at.
-  void add_keypoint(const Vec2d& pixel) {
-    if (image_kept_) keypoints_.back().push_back(pixel);
+  // The next place that the image added last saw something at, and the point that this is;
+  // kNoPoint: none.
+  static constexpr uint64_t kNoPoint = ~uint64_t{0};
+  void add_keypoint(const Vec2d& pixel, uint64_t point) {
+    if (image_kept_) keypoints_.back().push_back({pixel, point});
   }
-  // Begins a point; add_track adds an image that sees it
-  // and which of its keypoints that is. A point that is not finite is left out.
-  void add_point(const Vec3d& position, double error);
+  // Begins a point; add_track adds an image that sees it and which of its keypoints that is. A
+  // point that is not finite is left out.
+  void add_point(uint64_t id, const Vec3d& position, double error);
   void add_track(uint32_t image_id, uint32_t keypoint);
   void warn(std::string text) { model_.warnings.push_back(std::move(text)); }
   ColmapModel finish();
@@ -69,7 +71,12 @@ class ColmapBuilder {
   std::vector<std::string> left_out_;  // names
   std::optional<Error> first_problem_;
   std::unordered_set<std::string> names_;
-  std::vector<std::vector<Vec2d>> keypoints_;  // of each image
+  struct Keypoint {
+    Vec2d pixel;
+    uint64_t point;
+  };
+  std::vector<std::vector<Keypoint>> keypoints_;  // of each image
+  uint64_t point_ = kNoPoint;                     // the one that was added last
   bool image_kept_ = false, point_kept_ = false;
   int points_dropped_ = 0;
 };

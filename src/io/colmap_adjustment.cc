@@ -13,13 +13,16 @@
 namespace nerf::internal {
 namespace {
 
-// Share of keypoints that may lie outside of their photo: more, and they are of photos of another
-// size.
-constexpr double kMostOutside = 0.01;
+// A picture's size that keypoints reach into, as a share of the picture's: others are of photos of
+// another size. Of keypoints farther out than kFarOutside nothing is believed.
+constexpr double kLeastReach = 0.6, kMostReach = 1.2, kFarOutside = 10, kReached = 0.99;
+
+// Unknowns that are solved for though nobody asked: 600 photos with one lens, a minute.
+constexpr int64_t kMostUnasked = 3600;
 
 struct ModelKeypoints {
   Bundle bundle;  // points as the model's; keypoints that are known
-  double outside = 0;
+  double reach = 0;
 };
 
 ModelKeypoints keypoints_of(const ColmapModel& model) {
@@ -28,16 +31,18 @@ ModelKeypoints keypoints_of(const ColmapModel& model) {
   bundle.cameras = model.cameras;
   for (const ColmapImage& image : model.images) bundle.images.push_back({image.camera, image.pose});
   for (const ScenePoint& point : model.points) bundle.points.push_back(point.position);
+  std::vector<double> reaches;
   for (size_t i = 0; i < model.observations.size(); ++i) {
     const Observation& o = model.observations[i];
     const Vec2d& pixel = model.keypoints[i];
-    if (!std::isfinite(pixel.x) || !std::isfinite(pixel.y)) continue;
     const Camera& camera =
         model.cameras[static_cast<size_t>(model.images[static_cast<size_t>(o.image)].camera)];
-    out.outside += pixel.x < 0 || pixel.y < 0 || pixel.x > camera.width || pixel.y > camera.height;
+    const double x = pixel.x / camera.width, y = pixel.y / camera.height;
+    if (!(std::abs(x) < kFarOutside && std::abs(y) < kFarOutside)) continue;
+    reaches.push_back(std::max(x, y));
     bundle.keypoints.push_back({o.image, o.point, pixel});
   }
-  out.outside /= std::max<double>(1, static_cast<double>(bundle.keypoints.size()));
+  if (!reaches.empty()) out.reach = quantile(std::move(reaches), kReached);
   return out;
 }
 
@@ -55,17 +60,8 @@ void take_over(const Bundle& bundle, ColmapModel& model) {
     ++counts[static_cast<size_t>(bundle.keypoints[k].point)];
   }
   for (size_t p = 0; p < model.points.size(); ++p)
-    if (counts[p] > 0) model.points[p].error = std::isfinite(sums[p]) ? sums[p] / counts[p] : 0;
+    if (counts[p] > 0) model.points[p].error = sums[p] / counts[p];
 }
-
-}  // namespace
-
-bool has_keypoints(const ColmapModel& model) {
-  return std::ranges::any_of(
-      model.keypoints, [](const Vec2d& k) { return std::isfinite(k.x) && std::isfinite(k.y); });
-}
-
-namespace {
 
 bool is_too_large(const Bundle& bundle, int64_t most_unknowns) {
   const uint64_t memory = available_memory_bytes();
@@ -82,69 +78,29 @@ double wrong_from(const Bundle& bundle) {
   return std::max(kWrongCameras, kWrongOfSide * longest);
 }
 
-struct Text {
-  std::vector<std::string>& notes;
-  const std::function<void(const std::string&)>& progress;
-};
-
-// Adjusts a bundle whose cameras are wrong, or where that is asked for; whether it was changed.
-bool adjust_to_keypoints(bool asked, double outside, Bundle& bundle, const Text& text,
-                         ThreadPool& pool, const Cancel* cancel) {
-  const double before = quantile(reprojection_errors(bundle), 0.5);
-  if (!asked && before <= wrong_from(bundle)) return false;
-  const std::string wrong =
-      fmt::format("the points lie {:.1f} pixels (median) from where the photos saw them", before);
-  if (outside > kMostOutside) {
-    text.notes.push_back(wrong +
-                         ", many of them outside of the photos: the keypoints are of photos of "
-                         "another size, and cameras are not adjusted to them");
-    return false;
-  }
-  if (is_too_large(bundle, kMostUnknowns)) {
-    text.notes.push_back(wrong +
-                         "; of so many photos cameras are not adjusted here: run colmap "
-                         "bundle_adjuster on the model");
-    return false;
-  }
-  if (text.progress)
-    text.progress(
-        fmt::format("adjusting {} cameras and {} points to {} keypoints, {:.1f} pixels "
-                    "off",
-                    bundle.images.size(), bundle.points.size(), bundle.keypoints.size(), before));
-  Bundle adjusted = bundle;
-  const AdjustmentResult result = adjust_bundle(adjusted, pool, cancel);
-  const bool better = result.after < (asked ? result.before : result.before / 2);
-  if (!better || !(asked || result.after <= wrong_from(bundle))) {
-    text.notes.push_back(
-        fmt::format("{}, and no cameras were found that fit (median {:.1f} at best): they stay as "
-                    "they are",
-                    wrong, result.after));
-    return false;
-  }
-  text.notes.push_back(
-      fmt::format("{}: cameras, lenses and points were adjusted, to {:.1f} pixels; "
-                  "--adjust-cameras off leaves them as they are",
-                  wrong, result.after));
-  bundle = std::move(adjusted);
-  return true;
-}
-
-// Cauchy's losses as at the end of an adjustment.
-double loss_of(const Bundle& bundle) {
-  double sum = 0;
-  for (const double error : reprojection_errors(bundle))
-    sum += std::log1p(error * error / (kLossScale * kLossScale));
-  return sum;
-}
-
 bool is_perspective(CameraModel model) {
   return model == CameraModel::kSimplePinhole || model == CameraModel::kPinhole ||
          model == CameraModel::kSimpleRadial || model == CameraModel::kRadial ||
          model == CameraModel::kOpenCV;
 }
 
-// The bundle with one RADIAL lens for the photos of each size that have a camera each, with focal
-// lengths about the same; their names for a person. None where there are no such photos.
+// Leaves out cameras that no image has.
+void drop_unused_cameras(Bundle& bundle) {
+  std::vector<int> place(bundle.cameras.size(), -1);
+  std::vector<Camera> kept;
+  for (Bundle::Image& image : bundle.images) {
+    int& at = place[static_cast<size_t>(image.camera)];
+    if (at < 0) {
+      at = static_cast<int>(kept.size());
+      kept.push_back(bundle.cameras[static_cast<size_t>(image.camera)]);
+    }
+    image.camera = at;
+  }
+  bundle.cameras = std::move(kept);
+}
+
+// One RADIAL lens for the photos of each size that have a camera each, with focal lengths about the
+// same; returns what they had, for a person. Empty where there are no such photos.
 std::string share_lenses(Bundle& bundle) {
   constexpr size_t kFewest = 8;                // photos; fewer do not tell a lens
   constexpr double kApart = 0.1, kMost = 0.2;  // of the median; share of those farther from it
@@ -189,44 +145,100 @@ std::string share_lenses(Bundle& bundle) {
                               {focal, median_of(&Camera::cx), median_of(&Camera::cy)}});
     for (const size_t i : images) bundle.images[i].camera = shared;
   }
+  drop_unused_cameras(bundle);
   return said;
+}
+
+struct Told {
+  std::vector<std::string>& notes;
+  const std::function<void(const std::string&)>& progress;
+};
+
+// Adjusts a bundle whose median error is `before`; whether it was changed.
+bool adjust_to_keypoints(bool asked, double before, double reach, Bundle& bundle, const Told& told,
+                         ThreadPool& pool, const Cancel* cancel) {
+  const std::string wrong =
+      fmt::format("the points lie {:.1f} pixels (median) from where the photos saw them", before);
+  if (reach < kLeastReach || reach > kMostReach) {
+    told.notes.push_back(wrong +
+                         ": the keypoints are of photos of another size, and cameras are not "
+                         "adjusted to them");
+    return false;
+  }
+  if (is_too_large(bundle, asked ? kMostUnknowns : kMostUnasked)) {
+    told.notes.push_back(wrong +
+                         "; of so many photos cameras are adjusted with --adjust-cameras on, or by "
+                         "colmap bundle_adjuster");
+    return false;
+  }
+  if (told.progress)
+    told.progress(
+        fmt::format("adjusting {} cameras and {} points to {} keypoints, {:.1f} pixels off",
+                    bundle.images.size(), bundle.points.size(), bundle.keypoints.size(), before));
+  Bundle adjusted = bundle;
+  const AdjustmentResult result = adjust_bundle(adjusted, pool, cancel);
+  if (!(result.after < (asked ? before : before / 2)) || result.after > wrong_from(bundle)) {
+    told.notes.push_back(
+        fmt::format("{}, and no cameras were found that fit (median {:.1f} at best): they stay as "
+                    "they are",
+                    wrong, result.after));
+    return false;
+  }
+  told.notes.push_back(
+      fmt::format("{}: cameras, lenses and points were adjusted, to {:.1f} pixels; "
+                  "--adjust-cameras off leaves them as they are",
+                  wrong, result.after));
+  bundle = std::move(adjusted);
+  return true;
 }
 
 // Where a model has a lens for each photo and fewer explain its keypoints as well, those; whether
 // the bundle was changed. colmap gives each photo one unless it is told that there is one camera,
 // and a focal length that a single photo tells is bent to whatever its place is wrong by.
-bool adjust_to_shared_lenses(Bundle& bundle, const Text& text, ThreadPool& pool,
+bool adjust_to_shared_lenses(Bundle& bundle, const Told& told, ThreadPool& pool,
                              const Cancel* cancel) {
-  constexpr int64_t kMostForLenses = 3600;  // 600 photos: nobody asked, and it takes a minute
   constexpr double kAsWell = 1.2;  // of the loss; lenses that differ have several times as much
   Bundle shared = bundle;
-  const std::string said = share_lenses(shared);
-  if (said.empty() || is_too_large(shared, kMostForLenses)) return false;
-  if (text.progress) text.progress("adjusting: " + said + "; does one for all explain them?");
+  const std::string had = share_lenses(shared);
+  if (had.empty() || is_too_large(bundle, kMostUnasked)) return false;
+  if (told.progress) told.progress("adjusting: " + had + "; does one for all explain them?");
   adjust_bundle(shared, pool, cancel);
-  if (!(loss_of(shared) <= kAsWell * loss_of(bundle))) return false;
-  text.notes.push_back(
-      fmt::format("{}: one for all, of {:.0f} pixels, explains them as well, and "
-                  "cameras were adjusted to it; --adjust-cameras off leaves them "
-                  "as they are",
-                  said, shared.cameras.back().fx()));
+  const double loss = reprojection_loss(shared);
+  if (!(loss <= kAsWell * reprojection_loss(bundle))) return false;
+  // Against lenses of their own that were adjusted as well.
+  Bundle own = bundle;
+  adjust_bundle(own, pool, cancel);
+  if (!(loss <= kAsWell * reprojection_loss(own))) return false;
+  told.notes.push_back(had +
+                       ": one for all explains them as well, and cameras were adjusted to it; "
+                       "--adjust-cameras off leaves them as they are");
   bundle = std::move(shared);
   return true;
 }
 
 }  // namespace
 
+bool has_keypoints(const ColmapModel& model) {
+  return std::ranges::any_of(
+      model.keypoints, [](const Vec2d& k) { return std::isfinite(k.x) && std::isfinite(k.y); });
+}
+
 bool adjust_cameras(AdjustCameras wanted, ColmapModel& model, std::vector<std::string>& notes,
                     const std::function<void(const std::string&)>& progress, const Cancel* cancel) {
-  if (wanted == AdjustCameras::kOff || !has_keypoints(model)) return false;
-  auto [bundle, outside] = keypoints_of(model);
-  const Text text{notes, progress};
+  if (wanted == AdjustCameras::kOff || std::ranges::any_of(model.cameras, is_panorama))
+    return false;
+  auto [bundle, reach] = keypoints_of(model);
+  if (bundle.keypoints.empty()) return false;
+  const Told told{notes, progress};
   ThreadPool pool;
-  bool changed =
-      adjust_to_keypoints(wanted == AdjustCameras::kOn, outside, bundle, text, pool, cancel);
+  const bool asked = wanted == AdjustCameras::kOn;
+  const double before = quantile(reprojection_errors(bundle), 0.5);
+  const bool fit = before <= wrong_from(bundle);
+  bool changed = false;
+  if (asked || !fit)
+    changed = adjust_to_keypoints(asked, before, reach, bundle, told, pool, cancel);
   // Lenses are compared by keypoints that fit.
-  if (outside <= kMostOutside && quantile(reprojection_errors(bundle), 0.5) <= wrong_from(bundle))
-    changed |= adjust_to_shared_lenses(bundle, text, pool, cancel);
+  if (fit || changed) changed |= adjust_to_shared_lenses(bundle, told, pool, cancel);
   if (changed) take_over(bundle, model);
   return changed;
 }

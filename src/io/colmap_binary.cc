@@ -43,8 +43,7 @@ void read_colmap_images_binary(const std::filesystem::path& file, ColmapBuilder&
     for (uint64_t k = 0; k < points; ++k) {
       const auto x = in.read<double>("an image's 2D points");
       const auto y = in.read<double>("an image's 2D points");
-      in.skip(8, "an image's 2D points");
-      builder.add_keypoint({x, y});
+      builder.add_keypoint({x, y}, in.read<uint64_t>("an image's 2D points"));
     }
   }
   in.expect_end();
@@ -56,11 +55,11 @@ void read_colmap_points_binary(const std::filesystem::path& file, ColmapBuilder&
   const uint64_t count = in.read_count("the number of points", 8 + 3 * 8 + 3 + 8 + 8);
   for (uint64_t i = 0; i < count; ++i) {
     in.begin_record();
-    in.skip(8, "a point");
+    const auto id = in.read<uint64_t>("a point");
     Vec3d position;
     for (int k = 0; k < 3; ++k) position[k] = in.read<double>("a point");
     in.skip(3, "a point's colour");
-    builder.add_point(position, in.read<double>("a point"));
+    builder.add_point(id, position, in.read<double>("a point"));
     const uint64_t track = in.read_count("the length of a point's track", 8);
     for (uint64_t k = 0; k < track; ++k) {
       const auto image = in.read<uint32_t>("a point's track");

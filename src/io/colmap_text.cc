@@ -86,8 +86,11 @@ void read_colmap_images_text(const std::filesystem::path& file, ColmapBuilder& b
     }
     for (uint64_t k = 0; k < words / 3; ++k) {
       const double x = in.number<double>("a 2D point's x");
-      builder.add_keypoint({x, in.number<double>("a 2D point's y")});
-      in.word("a 2D point's id");
+      const double y = in.number<double>("a 2D point's y");
+      const std::string_view id = in.word("a 2D point's id");  // -1: none
+      uint64_t point = 0;
+      const auto read = std::from_chars(id.data(), id.data() + id.size(), point);
+      builder.add_keypoint({x, y}, read.ec == std::errc() ? point : ColmapBuilder::kNoPoint);
     }
   }
   comment.check(count, file, builder);
@@ -99,11 +102,11 @@ void read_colmap_points_text(const std::filesystem::path& file, ColmapBuilder& b
   CountComment comment;
   uint64_t count = 0;
   for (; in.next_data_line(comment); ++count) {
-    in.number<uint64_t>("a point id");
+    const auto id = in.number<uint64_t>("a point id");
     Vec3d position;
     for (int k = 0; k < 3; ++k) position[k] = in.number<double>("a coordinate");
     for (int k = 0; k < 3; ++k) in.number<int>("a colour");
-    builder.add_point(position, in.number<double>("a reprojection error"));
+    builder.add_point(id, position, in.number<double>("a reprojection error"));
     while (!in.at_line_end()) {
       const auto image = in.number<uint32_t>("an image id of the track");
       builder.add_track(image, in.number<uint32_t>("a 2D point index of the track"));

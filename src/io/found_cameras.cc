@@ -23,6 +23,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kRounds = 30;  // of the reweighting
+// Of the squares of places, below which cameras stand in one: a thousandth of a millimetre in ten
+// metres would be a hundred times as much.
+constexpr double kRounding = 1e-16;
 
 // The rotation nearest to a matrix in the least-squares sense (Horn, Hilden and Negahdaripour
 // 1988).
@@ -116,7 +119,8 @@ std::optional<Similarity> similarity_between(std::span<const Pose> from, std::sp
       along += weights[i] * dot(a, to[i].translation - to_middle);
       squares += weights[i] * dot(a, a);
     }
-    if (!(squares > 0) || !(along > 0)) return std::nullopt;
+    const double unit = dot(from_middle, from_middle) * all;
+    if (!(squares > kRounding * unit) || !(along > 0)) return std::nullopt;
     best.scale = along / squares;
     // scale R (x - center) = scale R (x - from_middle) + to_middle
     best.center = from_middle - best.rotation.transposed() * to_middle / best.scale;
@@ -142,10 +146,19 @@ bool take_found_cameras(const SceneInput& found, const std::vector<size_t>& view
     to.push_back(view.pose);
   }
   const std::optional<Similarity> moved = similarity_between(from, to);
-  if (!moved || 2 * used.size() < input.views.size()) {
-    input.notes.push_back(fmt::format(
-        "cameras of only {} of {} photos were found anew: the given ones stay as they are",
-        used.size(), input.views.size()));
+  if (2 * used.size() < input.views.size() || !moved) {
+    std::string why = fmt::format("cameras of only {} of {} photos were found anew",
+                                  found.views.size(), input.views.size());
+    if (found.views.size() > used.size())
+      why += fmt::format(
+          ", {} of them of photos that are turned or of another size than their "
+          "given cameras say",
+          found.views.size() - used.size());
+    if (2 * used.size() >= input.views.size())
+      why =
+          "cameras that were found anew cannot be moved to the given ones, which stand in one "
+          "place or are not alike";
+    input.notes.push_back(why + ": the given ones stay as they are");
     return false;
   }
   Apart apart;
@@ -162,7 +175,10 @@ bool take_found_cameras(const SceneInput& found, const std::vector<size_t>& view
     view.pose = pose;
     view.camera = first_camera + of.camera;
   }
-  if (input.points.empty()) {
+  // Points of the given cameras go with them; measured ones, which nothing says who saw, stay.
+  if (input.points.empty() || !input.observations.empty()) {
+    input.points.clear();
+    input.observations.clear();
     for (ScenePoint point : found.points) {
       point.position = moved->apply(point.position);
       input.points.push_back(point);
@@ -195,6 +211,7 @@ bool find_cameras_anew(SceneInput& input, const SceneOptions& options,
   const CaptureFolders folders{options.work_folder, options.run_folder};
   const fs::path photos = link_photos(input, options.work_folder / "given");
   std::vector<std::string> notes;
+  check_camera_model(options.camera_model);
   CameraSearch search;
   search.camera_model = is_fisheye && options.camera_model == "auto"
                             ? camera_model_name(CameraModel::kOpenCVFisheye)
@@ -202,6 +219,7 @@ bool find_cameras_anew(SceneInput& input, const SceneOptions& options,
   const SceneInput found =
       read_colmap_scene(find_cameras(prepared_photos(photos, folders, progress, cancel, notes),
                                      folders, search, progress, cancel));
+  input.notes.insert(input.notes.end(), notes.begin(), notes.end());
   std::vector<size_t> view_of;
   for (const View& view : found.views) view_of.push_back(std::stoul(fs::path(view.name).stem()));
   return take_found_cameras(found, view_of, input);

@@ -171,17 +171,17 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
   if (path != given) report.notes.insert(report.notes.begin(), "the scene is in " + path.string());
 
   internal::resolve_images(input, options.downscale, report, &scene.alpha);
+  scene.cut_out =
+      internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale, report);
+  scene.alpha = scene.alpha || scene.cut_out;
+  internal::resolve_depths(input, report);
+  internal::add_points_from_files(input, scene.root, report);
   const bool found = format == SceneFormat::kPhotos || format == SceneFormat::kVideo;
   if (options.adjust_cameras == AdjustCameras::kOn && !input.keypoints && !found) {
     input.notes.clear();
     input.cameras_adjusted = internal::find_cameras_anew(input, options, progress, cancel);
     report.notes.insert(report.notes.end(), input.notes.begin(), input.notes.end());
   }
-  scene.cut_out =
-      internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale, report);
-  scene.alpha = scene.alpha || scene.cut_out;
-  internal::resolve_depths(input, report);
-  internal::add_points_from_files(input, scene.root, report);
   internal::drop_far_cameras(input, report);
   if (input.views.size() < 2) {
     throw Error(fmt::format("there is {} registered image with a file",

@@ -2,13 +2,11 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "math/eigen_vectors.h"
 #include "scene_frame.h"
 
 namespace nerf::internal {
 namespace {
-
-Eigen::Vector3d to_eigen(const Vec3d& v) { return {v.x, v.y, v.z}; }
-Vec3d from_eigen(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 Eigen::Vector3d axis(const View& view, int c) { return to_eigen(view.pose.rotation.column(c)); }
 

@@ -37,7 +37,7 @@ struct SceneInput {
   std::filesystem::path listing;       // the file that names the images, for errors; may be empty
   std::vector<std::filesystem::path> mask_folders;  // looked into in this order
   int images_total = 0;           // listed by the files or found beside the registered ones
-  bool keypoints = false;         // cameras were asked to be adjusted, and there is what to
+  bool keypoints = false;         // the files say where photos saw points
   bool cameras_adjusted = false;  // they are not those of the files
   bool blender = false;           // rendered: +z is up, and alpha, where there is any, is real
   std::optional<Vec3d> up;        // where the files say it

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "math/eigen_vectors.h"
 #include "nerf/math/camera_paths.h"
 #include "scene_frame.h"
 #include "scene_planes.h"
@@ -24,8 +25,6 @@ constexpr double kLevel = 0.05;
 // Second smallest spread of the level axes: below this the cameras all look one way, and how far
 // down they look stays open.
 constexpr double kOneWay = 0.1;
-
-Vector3d to_eigen(const Vec3d& v) { return {v.x, v.y, v.z}; }
 
 // What of a photo's camera matters here, after the photo was turned as its tag says.
 struct Turned {

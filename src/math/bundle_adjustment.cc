@@ -11,23 +11,25 @@
 namespace nerf {
 namespace {
 
-constexpr double kFirstScale = 3;    // of the median error
-constexpr double kNextScale = 0.25;  // of the scale before
-constexpr int kMostIterations = 40;  // with one scale
-constexpr double kTolerance = 1e-4;  // of the cost; while the scale falls kCoarse
+constexpr double kFirstScale = 3;                     // of the median error
+constexpr double kNextScale = 0.25;                   // of the scale before
+constexpr int kMostIterations = 30, kMostCoarse = 8;  // with the last scale, with each before
+constexpr double kTolerance = 1e-4;                   // of the cost; while the scale falls kCoarse
 constexpr double kCoarse = 1e-2;
 constexpr double kFirstDamping = 1e-4, kLeastDamping = 1e-10, kMostDamping = 1e6;
 
 double median_error(const Bundle& bundle) { return quantile(reprojection_errors(bundle), 0.5); }
 
 // Goes down with one scale of the loss; returns the linear systems that were solved.
-int descend(internal::BundleEquations& equations, double scale, double tolerance, Bundle& bundle,
+int descend(internal::BundleEquations& equations, double scale, Bundle& bundle,
             const Cancel* cancel) {
   double damping = kFirstDamping, cost = equations.cost(bundle, scale);
   equations.linearise(bundle, scale);
   Bundle moved;
   int iterations = 0;
-  while (iterations < kMostIterations && damping <= kMostDamping) {
+  const bool last = scale == kLossScale;
+  const double tolerance = last ? kTolerance : kCoarse;
+  while (iterations < (last ? kMostIterations : kMostCoarse) && damping <= kMostDamping) {
     if (cancel && cancel->requested()) throw Cancelled();
     ++iterations;
     const double now = equations.solve(bundle, damping, moved)
@@ -57,12 +59,18 @@ std::vector<double> reprojection_errors(const Bundle& bundle) {
   for (const Keypoint& k : bundle.keypoints) {
     const Bundle::Image& image = bundle.images[static_cast<size_t>(k.image)];
     const Vec3d apart = bundle.points[static_cast<size_t>(k.point)] - image.pose.translation;
-    const std::optional<Vec2d> seen = project(bundle.cameras[static_cast<size_t>(image.camera)],
-                                              image.pose.rotation.transposed() * apart);
-    errors.push_back(seen ? std::hypot(seen->x - k.pixel.x, seen->y - k.pixel.y)
-                          : std::numeric_limits<double>::infinity());
+    const Camera& camera = bundle.cameras[static_cast<size_t>(image.camera)];
+    const std::optional<Vec2d> seen = project(camera, image.pose.rotation.transposed() * apart);
+    errors.push_back(std::sqrt(internal::squared_error(camera, seen, k.pixel)));
   }
   return errors;
+}
+
+double reprojection_loss(const Bundle& bundle) {
+  double sum = 0;
+  for (const double error : reprojection_errors(bundle))
+    sum += internal::cauchy_loss(error * error, kLossScale);
+  return sum;
 }
 
 int64_t adjustment_unknowns(const Bundle& bundle) {
@@ -83,11 +91,10 @@ AdjustmentResult adjust_bundle(Bundle& bundle, ThreadPool& pool, const Cancel* c
   AdjustmentResult result;
   result.before = median_error(bundle);
   internal::BundleEquations equations(bundle, pool);
-  const double first = std::isfinite(result.before) ? kFirstScale * result.before : 0;
-  double scale = std::max(kLossScale, first);
+  double scale = std::max(kLossScale, kFirstScale * result.before);
   for (; scale > kLossScale; scale = std::max(kLossScale, scale * kNextScale))
-    result.iterations += descend(equations, scale, kCoarse, bundle, cancel);
-  result.iterations += descend(equations, scale, kTolerance, bundle, cancel);
+    result.iterations += descend(equations, scale, bundle, cancel);
+  result.iterations += descend(equations, scale, bundle, cancel);
   result.after = median_error(bundle);
   return result;
 }

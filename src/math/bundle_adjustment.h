@@ -29,9 +29,12 @@ struct Bundle {
   std::vector<Keypoint> keypoints;  // any order
 };
 
-// Distance of each keypoint from where its point is projected to, pixels; infinite where the camera
-// does not see the point.
+// Distance of each keypoint from where its point is projected to, pixels; the picture's diagonal
+// where the camera does not see the point.
 std::vector<double> reprojection_errors(const Bundle& bundle);
+
+// Sum of Cauchy's losses of the keypoints, with kLossScale, squared pixels.
+double reprojection_loss(const Bundle& bundle);
 
 struct AdjustmentResult {
   double before = 0, after = 0;  // median of the reprojection errors, pixels

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "math/eigen_vectors.h"
 #include "math/lens.h"
 #include "nerf/math/refined_camera.h"
 
@@ -28,32 +29,18 @@ void for_points(ThreadPool& pool, size_t count, const Fn& fn) {
   });
 }
 
-bool has_one_focal_length(CameraModel model) {
-  return model == CameraModel::kSimplePinhole || model == CameraModel::kSimpleRadial ||
-         model == CameraModel::kRadial || model == CameraModel::kSimpleRadialFisheye ||
-         model == CameraModel::kRadialFisheye;
-}
-
 bool is_focal(const Camera& camera, int parameter) {
-  return parameter < (has_one_focal_length(camera.model) ? 1 : 2);
+  return parameter < (has_one_focal(camera.model) ? 1 : 2);
 }
-
-Eigen::Vector3d to_eigen(const Vec3d& v) { return {v.x, v.y, v.z}; }
-Vec3d from_eigen(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 Vec3d in_camera(const Pose& pose, const Vec3d& point) {
   return pose.rotation.transposed() * (point - pose.translation);
 }
 
-double square_of(const Vec2d& v) { return v.x * v.x + v.y * v.y; }
-
-// Square of the residual of a point that the camera does not see.
-double square_of_unseen(const Camera& camera) {
-  return square_of({double(camera.width), double(camera.height)});
-}
-
-double loss_of(double square, double scale) {
-  return scale * scale * std::log1p(square / (scale * scale));
+// Standard deviation of the prior of a lens's parameter.
+double spread_of(const Camera& given, int parameter) {
+  return is_focal(given, parameter) ? kFocal * given.params[static_cast<size_t>(parameter)]
+                                    : kDistortion;
 }
 
 // Derivatives of a projection that is one, by the direction and by the lens's free parameters.
@@ -106,9 +93,20 @@ Eigen::Matrix<double, 2, 3> find_derivatives(const Camera& camera, const std::ve
 
 }  // namespace
 
+double cauchy_loss(double square, double scale) {
+  return scale * scale * std::log1p(square / (scale * scale));
+}
+
+double squared_error(const Camera& camera, const std::optional<Vec2d>& seen,
+                     const Vec2d& keypoint) {
+  const double x = seen ? seen->x - keypoint.x : camera.width;
+  const double y = seen ? seen->y - keypoint.y : camera.height;
+  return x * x + y * y;
+}
+
 std::vector<int> free_parameters(const Camera& camera) {
   if (is_panorama(camera)) return {};
-  const int centre = has_one_focal_length(camera.model) ? 1 : 2;
+  const int centre = has_one_focal(camera.model) ? 1 : 2;
   std::vector<int> free;
   for (int i = 0; i < camera_model_params(camera.model); ++i)
     if (i < centre || i >= centre + 2) free.push_back(i);
@@ -158,10 +156,11 @@ BundleEquations::BundleEquations(const Bundle& given, ThreadPool& pool) : pool_(
 }
 
 uint64_t BundleEquations::bytes(uint64_t keypoints, uint64_t points, uint64_t unknowns) {
+  // A point has as many lenses as keypoints where each image has one, in vectors that grew.
   constexpr uint64_t kOfKeypoint = sizeof(Keypoint) + 2 * sizeof(size_t) + sizeof(KeypointRow) +
-                                   sizeof(Eigen::Matrix<double, 6, 3>);
-  constexpr uint64_t kOfPoint = 2 * sizeof(Eigen::Matrix3d) + 2 * sizeof(Eigen::Vector3d) +
-                                sizeof(LensOfPoint) + 8 * sizeof(double);
+                                   sizeof(Eigen::Matrix<double, 6, 3>) + 2 * sizeof(LensOfPoint);
+  constexpr uint64_t kOfPoint =
+      2 * sizeof(Eigen::Matrix3d) + 2 * sizeof(Eigen::Vector3d) + 8 * sizeof(double);
   return keypoints * kOfKeypoint + points * kOfPoint + unknowns * unknowns * sizeof(double);
 }
 
@@ -172,10 +171,7 @@ double BundleEquations::cost(const Bundle& bundle, double loss_scale) {
       const Bundle::Image& image = bundle.images[static_cast<size_t>(keypoints_[k].image)];
       const Camera& camera = bundle.cameras[static_cast<size_t>(image.camera)];
       const std::optional<Vec2d> seen = project(camera, in_camera(image.pose, bundle.points[p]));
-      const Vec2d& pixel = keypoints_[k].pixel;
-      sum += loss_of(
-          seen ? square_of({seen->x - pixel.x, seen->y - pixel.y}) : square_of_unseen(camera),
-          loss_scale);
+      sum += cauchy_loss(squared_error(camera, seen, keypoints_[k].pixel), loss_scale);
     }
     losses_[p] = sum;
   });
@@ -189,7 +185,7 @@ double BundleEquations::cost(const Bundle& bundle, double loss_scale) {
   for (size_t c = 0; c < bundle.cameras.size(); ++c)
     for (const int parameter : free_[c]) {
       const double then = given_.cameras[c].params[static_cast<size_t>(parameter)];
-      const double spread = is_focal(given_.cameras[c], parameter) ? kFocal * then : kDistortion;
+      const double spread = spread_of(given_.cameras[c], parameter);
       const double off = bundle.cameras[c].params[static_cast<size_t>(parameter)] - then;
       sum += off * off / (spread * spread);
     }
@@ -252,7 +248,7 @@ void BundleEquations::linearise(const Bundle& bundle, double loss_scale) {
     for (size_t i = 0; i < free_[c].size(); ++i) {
       const size_t parameter = static_cast<size_t>(free_[c][i]);
       const double then = given_.cameras[c].params[parameter];
-      const double spread = is_focal(given_.cameras[c], free_[c][i]) ? kFocal * then : kDistortion;
+      const double spread = spread_of(given_.cameras[c], free_[c][i]);
       const Eigen::Index at = lens_at_[c] + static_cast<Eigen::Index>(i);
       prior_[at] = 1 / (spread * spread);
       prior_down_[at] = bundle.cameras[c].params[parameter] - then;

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "math/bundle_adjustment.h"
@@ -22,6 +23,12 @@ struct KeypointRow {
   Eigen::Matrix<double, 2, Eigen::Dynamic, 0, 2, kMostLens> lens;
   Eigen::Matrix<double, 2, 3> point;
 };
+
+// s^2 log(1 + e^2 / s^2) of an error whose square is given, and scale s.
+double cauchy_loss(double square, double scale);
+
+// Of a keypoint from where its point is seen; the picture's diagonal where it is not.
+double squared_error(const Camera& camera, const std::optional<Vec2d>& seen, const Vec2d& keypoint);
 
 // Parameters of a lens that are adjusted, by their places: all but the principal point.
 std::vector<int> free_parameters(const Camera& camera);

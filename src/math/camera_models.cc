@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "lens.h"
 #include "nerf/base/error.h"
 #include "nerf/math/camera.h"
 
@@ -60,6 +61,8 @@ CameraModel two_focal_model(CameraModel model) {
 }
 
 }  // namespace
+
+bool internal::has_one_focal(CameraModel model) { return row(model).focals == 1; }
 
 std::string_view camera_model_name(CameraModel model) { return row(model).name; }
 int camera_model_params(CameraModel model) { return row(model).params; }

@@ -12,6 +12,9 @@
 
 namespace nerf::internal {
 
+// Whether a model has one focal length for both axes: f, cx, cy, ... in place of fx, fy, cx, cy.
+bool has_one_focal(CameraModel model);
+
 // All models but FOV as one: radial factor N(s) / D(s), then tangential and thin-prism terms, which
 // model 11 computes from the radially distorted point and the others from (u, v).
 struct Lens {

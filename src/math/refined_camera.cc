@@ -8,23 +8,11 @@
 namespace nerf {
 
 using internal::cosine_ratio;
+using internal::has_one_focal;
 using internal::sine_ratio;
 using internal::turned_twice;
 
 namespace {
-
-bool has_one_focal(CameraModel model) {
-  switch (model) {
-    case CameraModel::kSimplePinhole:
-    case CameraModel::kSimpleRadial:
-    case CameraModel::kRadial:
-    case CameraModel::kSimpleRadialFisheye:
-    case CameraModel::kRadialFisheye:
-      return true;
-    default:
-      return false;
-  }
-}
 
 // Index of k1 among the parameters, k2 behind it; 0 where the model has not both.
 size_t radial_at(CameraModel model) {

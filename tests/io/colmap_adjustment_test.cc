@@ -98,11 +98,15 @@ TEST(ColmapAdjustment, IsSwitchedOff) {
 TEST(ColmapAdjustment, KeypointsOfPhotosOfAnotherSizeAreNotUsed) {
   const ColmapModel good = ring(0);
   ColmapModel model = good;
-  for (Vec2d& k : model.keypoints) k = {2 * k.x, 2 * k.y};
-  std::vector<std::string> notes;
-  EXPECT_FALSE(adjust_cameras(AdjustCameras::kAuto, model, notes));
-  EXPECT_TRUE(same_poses(model, good));
-  EXPECT_TRUE(any_contains(notes, "keypoints are of photos of another size")) << notes.size();
+  for (const double factor : {2.0, 0.25})
+    for (const AdjustCameras wanted : {AdjustCameras::kAuto, AdjustCameras::kOn}) {
+      for (size_t k = 0; k < model.keypoints.size(); ++k)
+        model.keypoints[k] = {factor * good.keypoints[k].x, factor * good.keypoints[k].y};
+      std::vector<std::string> notes;
+      EXPECT_FALSE(adjust_cameras(wanted, model, notes));
+      EXPECT_TRUE(same_poses(model, good));
+      EXPECT_TRUE(any_contains(notes, "keypoints are of photos of another size")) << factor;
+    }
 }
 
 TEST(ColmapAdjustment, KeypointsThatNothingFitsLeaveTheCameras) {
@@ -111,10 +115,12 @@ TEST(ColmapAdjustment, KeypointsThatNothingFitsLeaveTheCameras) {
   std::mt19937 random(4);
   std::uniform_real_distribution<double> x(0, 640), y(0, 480);
   for (Vec2d& k : model.keypoints) k = {x(random), y(random)};
-  std::vector<std::string> notes;
-  EXPECT_FALSE(adjust_cameras(AdjustCameras::kAuto, model, notes));
-  EXPECT_TRUE(same_poses(model, good));
-  EXPECT_TRUE(any_contains(notes, "no cameras were found that fit"));
+  for (const AdjustCameras wanted : {AdjustCameras::kAuto, AdjustCameras::kOn}) {
+    std::vector<std::string> notes;
+    EXPECT_FALSE(adjust_cameras(wanted, model, notes));
+    EXPECT_TRUE(same_poses(model, good));
+    EXPECT_TRUE(any_contains(notes, "no cameras were found that fit"));
+  }
 }
 
 TEST(ColmapAdjustment, WithoutKeypointsThereIsNothingToAdjustTo) {
@@ -194,6 +200,22 @@ TEST(ColmapAdjustment, PhotosOfLensesThatDifferKeepThem) {
   EXPECT_TRUE(notes.empty());
 }
 
+// A point behind a camera, and a keypoint that no picture has, say nothing of lenses.
+TEST(ColmapAdjustment, WhatCannotBeSeenDoesNotShareLenses) {
+  ColmapModel model = ring_of_zooms();
+  model.points.push_back({ring_pose(0, 16).translation * 2, 0.5, 2});
+  const auto behind = static_cast<int32_t>(model.points.size()) - 1;
+  for (const int32_t image : {0, 1}) {
+    model.observations.push_back({image, behind});
+    model.keypoints.push_back({320, 240});
+  }
+  model.observations.push_back({2, 0});
+  model.keypoints.push_back({1e200, 240});
+  std::vector<std::string> notes;
+  EXPECT_FALSE(adjust_cameras(AdjustCameras::kAuto, model, notes));
+  EXPECT_TRUE(notes.empty());
+}
+
 TEST(ColmapAdjustment, OneCameraIsNotReplaced) {
   ColmapModel model = ring(0);
   std::vector<std::string> notes;
@@ -234,6 +256,28 @@ TEST(ColmapAdjustment, AScenesCamerasAreAdjusted) {
   const Scene as_written = load_scene(folder.path(), options);
   EXPECT_FALSE(as_written.cameras_adjusted);
   EXPECT_GT(rotation_angle(as_written.views[1].pose.rotation, scene.views[1].pose.rotation), 0.005);
+}
+
+// Some programs write one keypoint for all tracks: points could collapse into what it shows.
+TEST(ColmapAdjustment, KeypointsThatDoNotNameTheirPointAreNotBelieved) {
+  TestModel written = ring_model(12, 60);
+  for (TestImage& image : written.images) image.points2d = {{1.5, 2.5, 7}};
+  for (TestPoint& point : written.points) {
+    point.track.clear();
+    for (uint32_t i = 1; i <= 12; ++i) point.track.push_back({i, 0});
+  }
+  TempFolder folder;
+  write_binary(written, folder / "bin");
+  write_colmap_text(written, folder / "txt");
+  for (const char* kind : {"bin", "txt"}) {
+    ColmapModel model = read_colmap_model(folder / kind);
+    const ColmapModel given = model;
+    std::vector<std::string> notes;
+    EXPECT_FALSE(adjust_cameras(AdjustCameras::kAuto, model, notes)) << kind;
+    EXPECT_TRUE(same_poses(model, given));
+    EXPECT_EQ(std::ranges::count_if(model.keypoints, [](const Vec2d& k) { return k.x == 1.5; }),
+              12);
+  }
 }
 
 // Tracks may name keypoints that their image does not have.

@@ -69,7 +69,8 @@ TEST(FoundCameras, NoSimilarityOfCamerasInOnePlace) {
   const std::vector<Pose> two = ring(2);
   EXPECT_FALSE(similarity_between(two, two).has_value());
   std::vector<Pose> turning;
-  for (int i = 0; i < 5; ++i) turning.push_back(look_at({1, 2, 3}, {std::cos(i), std::sin(i), 3}));
+  for (int i = 0; i < 5; ++i)
+    turning.push_back(look_at({0.1, 0.2, 0.3}, {std::cos(i), std::sin(i), 0.3}));
   EXPECT_FALSE(similarity_between(turning, moved(turning)).has_value());
 }
 
@@ -120,6 +121,14 @@ TEST(FoundCameras, TakeTheGivenOnesPlaces) {
   EXPECT_EQ(input.observations[0].image, 11);
   EXPECT_EQ(input.observations[1].image, 8);
   EXPECT_TRUE(any_contains(input.notes, "cameras of 11 of 12 photos were found anew"));
+  // Points that the given cameras saw are replaced, those that were measured stay.
+  ASSERT_TRUE(take_found_cameras(found, view_of, input));
+  EXPECT_EQ(input.points.size(), 1u);
+  input.points.assign(5, {});
+  input.observations.clear();
+  ASSERT_TRUE(take_found_cameras(found, view_of, input));
+  EXPECT_EQ(input.points.size(), 5u);
+  EXPECT_TRUE(input.observations.empty());
 }
 
 TEST(FoundCameras, FewDoNotReplaceMany) {
@@ -134,6 +143,7 @@ TEST(FoundCameras, FewDoNotReplaceMany) {
   std::vector<size_t> all(kViews);
   for (size_t i = 0; i < kViews; ++i) all[i] = i;
   EXPECT_FALSE(take_found_cameras(smaller, all, input));
+  EXPECT_TRUE(any_contains(input.notes, "12 of them of photos that are turned"));
 }
 
 TEST(FoundCameras, PanoramasAndMissingFoldersAreErrors) {

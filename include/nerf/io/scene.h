@@ -71,8 +71,11 @@ enum class Split {
   kNone,  // everything trains, nothing is held out
 };
 
-// Whether the cameras of a COLMAP model are adjusted to its keypoints before anything else.
-enum class AdjustCameras { kOff, kAuto, kOn };  // kAuto: where they do not fit
+// Whether cameras are adjusted while a capture is read. kAuto: those of a COLMAP model to its
+// keypoints, where they do not fit, and photos that had a lens each get one for all, where that
+// explains the keypoints as well. kOn: whether they fit or not; of a capture without keypoints that
+// does not come as photos or video they are found anew by colmap, in options.work_folder.
+enum class AdjustCameras { kOff, kAuto, kOn };
 inline auto option_names(AdjustCameras) {
   return std::array{OptionName{AdjustCameras::kOff, "off"},
                     OptionName{AdjustCameras::kAuto, "auto"}, OptionName{AdjustCameras::kOn, "on"}};
