@@ -13,8 +13,8 @@
 namespace nerf::internal {
 namespace {
 
-// A picture's size that keypoints reach into, as a share of the picture's: others are of photos of
-// another size. Of keypoints farther out than kFarOutside nothing is believed.
+// How far into a picture keypoints reach (their 99th percentile), as a share of its size: outside
+// of these bounds they are of photos of another size. Keypoints beyond kFarOutside are left out.
 constexpr double kLeastReach = 0.6, kMostReach = 1.2, kFarOutside = 10, kReached = 0.99;
 
 // Unknowns that are solved for though nobody asked: 600 photos with one lens, a minute.

@@ -22,11 +22,10 @@ bool has_keypoints(const ColmapModel& model);
 
 // Adjusts cameras, poses and points to the model's keypoints (math/bundle_adjustment.h) where
 // `wanted` says so, or, with kAuto, where they are wrong. They stay as they are where that leaves
-// them wrong or, with kAuto, more than half as wrong, and where there are no
-// keypoints or panoramas. Then photos of one
-// size that have a lens each get one for all, RADIAL (square pixels), where that explains the
-// keypoints as well. Says in `notes` what was done. Returns whether cameras were changed. Points'
-// errors are the new ones. Throws Cancelled.
+// them wrong or, with kAuto, more than half as wrong, and where there are no keypoints or where
+// there are panoramas. Then photos of one size that have a lens each get one for all, RADIAL
+// (square pixels), where that explains the keypoints as well. Says in `notes` what was done.
+// Returns whether cameras were changed. Points' errors are the new ones. Throws Cancelled.
 bool adjust_cameras(AdjustCameras wanted, ColmapModel& model, std::vector<std::string>& notes,
                     const std::function<void(const std::string&)>& progress = {},
                     const Cancel* cancel = nullptr);

@@ -20,9 +20,9 @@ std::optional<Similarity> similarity_between(std::span<const Pose> from, std::sp
 
 // Cameras, poses and points of `found`, whose views are a part of `input`'s (view_of: which), moved
 // to where the given cameras are; points in place of those that the given cameras saw, beside none
-// that were measured. Views that were not found, or
-// whose photo has another size there, stay. Says in input.notes what was done. Leaves `input` as it
-// is where fewer than half of the views were found.
+// that were measured. Views that were not found, or whose photo has another size there, stay. Says
+// in input.notes what was done. Leaves `input` as it is where fewer than half of the views were
+// found.
 bool take_found_cameras(const SceneInput& found, const std::vector<size_t>& view_of,
                         SceneInput& input);
 

@@ -37,6 +37,11 @@ Vec3d in_camera(const Pose& pose, const Vec3d& point) {
   return pose.rotation.transposed() * (point - pose.translation);
 }
 
+// The turn that leads from one pose to the other, world axes, radians.
+Vec3d turn_of(const Pose& now, const Pose& then) {
+  return twist_of({now.rotation * then.rotation.transposed(), {}}).rotation;
+}
+
 // Standard deviation of the prior of a lens's parameter.
 double spread_of(const Camera& given, int parameter) {
   return is_focal(given, parameter) ? kFocal * given.params[static_cast<size_t>(parameter)]
@@ -55,11 +60,9 @@ Eigen::Matrix<double, 2, 3> find_derivatives(const Camera& camera, const std::ve
     return Eigen::Vector2d((ahead->x - behind->x) / (2 * step),
                            (ahead->y - behind->y) / (2 * step));
   };
-  const bool plain = camera.model != CameraModel::kFov && !is_panorama(camera);
   const Lens lens = make_lens(camera);
-  const Vec2d uv = plain && !lens.fisheye
-                       ? Vec2d{direction.x / direction.z, direction.y / direction.z}
-                       : Vec2d{};
+  const bool on_plane = camera.model != CameraModel::kFov && !is_panorama(camera) && !lens.fisheye;
+  const Vec2d uv = on_plane ? Vec2d{direction.x / direction.z, direction.y / direction.z} : Vec2d{};
   for (size_t i = 0; i < free.size(); ++i) {
     const size_t parameter = static_cast<size_t>(free[i]);
     const double step =
@@ -67,14 +70,14 @@ Eigen::Matrix<double, 2, 3> find_derivatives(const Camera& camera, const std::ve
     by_lens.col(static_cast<Eigen::Index>(i)) = slope(step, [&](double by) -> std::optional<Vec2d> {
       Camera moved = camera;
       moved.params[parameter] += by;
-      if (!plain || lens.fisheye) return project(moved, direction);
+      if (!on_plane) return project(moved, direction);
       const Lens of = make_lens(moved);  // as project() does, which asks first whether it may
       const Distorted d = distort(of, uv);
       return Vec2d{of.fx * d.p.a + of.cx, of.fy * d.q.a + of.cy};
     });
   }
   Eigen::Matrix<double, 2, 3> by_direction;
-  if (plain && !lens.fisheye) {
+  if (on_plane) {
     const Distorted d = distort(lens, uv);
     Eigen::Matrix2d by_plane;
     by_plane << lens.fx * d.p.du, lens.fx * d.p.dv, lens.fy * d.q.du, lens.fy * d.q.dv;
@@ -178,7 +181,7 @@ double BundleEquations::cost(const Bundle& bundle, double loss_scale) {
   double sum = std::accumulate(losses_.begin(), losses_.end(), 0.0);
   for (size_t i = 0; i < bundle.images.size(); ++i) {
     const Pose &now = bundle.images[i].pose, &then = given_.images[i].pose;
-    const Vec3d turn = twist_of({now.rotation * then.rotation.transposed(), {}}).rotation;
+    const Vec3d turn = turn_of(now, then);
     const Vec3d move = (now.translation - then.translation) / (kMove * extent_);
     sum += dot(turn, turn) / (kTurn * kTurn) + dot(move, move);
   }
@@ -236,7 +239,7 @@ void BundleEquations::linearise(const Bundle& bundle, double loss_scale) {
   prior_down_.setZero(unknowns_);
   for (size_t i = 0; i < bundle.images.size(); ++i) {
     const Pose &now = bundle.images[i].pose, &then = given_.images[i].pose;
-    const Vec3d turn = twist_of({now.rotation * then.rotation.transposed(), {}}).rotation;
+    const Vec3d turn = turn_of(now, then);
     const Vec3d move = now.translation - then.translation;
     const Eigen::Index at = 6 * static_cast<Eigen::Index>(i);
     prior_.segment<3>(at).setConstant(1 / (kTurn * kTurn));
