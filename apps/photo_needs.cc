@@ -20,7 +20,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
   LightRecipe& light = command.train.grid_recipe.light;
   if (!reads_option(command.train.method, "appearance")) return;
   const bool is_long =
-      light.appearance.automatic && !resumes &&
+      (light.appearance.automatic || light.robust.automatic) && !resumes &&
       (command.minutes.value_or(0) >= kFewestMinutes || command.train.steps >= kFewestSteps);
   Progress clock("looking at the light");
   LightProbe probe;
@@ -34,9 +34,12 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
   std::string seen;
   if (probe.exposure_spread)
     seen = fmt::format("{:.2f} stops between photos", *probe.exposure_spread);
-  if (probe.smooth_share)
+  // Where something passes by, the light is judged by what is left.
+  const bool passes = probe.passing_share && light.robust.number > 0;
+  const auto smooth = passes ? probe.smooth_elsewhere : probe.smooth_share;
+  if (smooth)
     seen += fmt::format("{}{:.0f} % of a short training's error is even across small areas",
-                        seen.empty() ? "" : ", ", 100 * *probe.smooth_share);
+                        seen.empty() ? "" : ", ", 100 * *smooth);
   if (has_exif)
     seen += fmt::format("{}{:.2f} stops for each of EXIF's", seen.empty() ? "" : ", ",
                         light.exif_exposure.number);
@@ -51,6 +54,11 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
     learnt.push_back("distances of sparse points");
   log_info(fmt::format("light         {}{} ({}; {:.1f} s)", learnt.empty() ? "fixed" : "differs: ",
                        fmt::join(learnt, ", "), seen, clock.elapsed_seconds()));
+  if (passes)
+    log_info(
+        fmt::format("passing by    {:.0f} % of the pixels show what other photos do not: the "
+                    "worst {:.0f} % teach nothing (--robust off: all teach)",
+                    100 * *probe.passing_share, 100 * light.robust.number));
 }
 
 void look_at_motion(TrainCommand& command, const Scene& scene) {

@@ -15,6 +15,9 @@ constexpr Real kTileMemory = 0.7_r;  // of a tile, from pixel to pixel
 // An error that is none of a field which has learnt; at last no less is left out. At first any is,
 // or the field would learn what passes by.
 constexpr Real kCertain = 0.1_r;
+// Weight of a tile beside another (across a corner its square), and the mean share of errors above
+// the threshold from which on a tile is out.
+constexpr Real kBeside = 0.5_r, kMany = 0.4_r;
 constexpr int64_t kMostTiles = 1 << 16;
 constexpr double kWarmUp = 0.1;  // Bernoulli schedule: share exp(-kWarmUp step) teaches anyway
 
@@ -43,6 +46,7 @@ RobustMask::RobustMask(const PhotoSet& photos, std::span<const int> views, doubl
     tiles_.push_back(t);
   }
   outliers_.resize(static_cast<size_t>(first));
+  out_.resize(outliers_.size());
 }
 
 int32_t RobustMask::tile_of(size_t source, int x, int y) const {
@@ -81,25 +85,35 @@ void RobustMask::find_threshold(double progress) {
   find_photos();
 }
 
+void RobustMask::find_tiles(const Tiles& t) {
+  const Real* const share = outliers_.data() + t.first;
+  uint8_t* const out = out_.data() + t.first;
+  for (int y = 0; y < t.height; ++y)
+    for (int x = 0; x < t.width; ++x) {
+      Real sum = 0, weights = 0;
+      for (int v = std::max(0, y - 1); v <= std::min(t.height - 1, y + 1); ++v)
+        for (int u = std::max(0, x - 1); u <= std::min(t.width - 1, x + 1); ++u) {
+          const Real weight = (u == x ? 1 : kBeside) * (v == y ? 1 : kBeside);
+          sum += weight * share[v * t.width + u];
+          weights += weight;
+        }
+      out[y * t.width + x] = sum > kMany * weights;
+    }
+}
+
 void RobustMask::find_photos() {
   for (size_t i = 0; i < tiles_.size(); ++i) {
     const Tiles& t = tiles_[i];
-    const auto begin = outliers_.begin() + t.first;
-    const auto out =
-        std::count_if(begin, begin + t.width * t.height, [](Real share) { return share > 0.5_r; });
+    find_tiles(t);
+    const auto begin = out_.begin() + t.first;
+    const auto out = std::count(begin, begin + t.width * t.height, uint8_t{1});
     trusted_[i] = static_cast<double>(out) <= kMostOfPhoto * t.width * t.height;
   }
 }
 
-double RobustMask::share_left_out() const {
-  int64_t out = 0;
-  for (size_t i = 0; i < outliers_.size(); ++i)
-    out += trusted_[static_cast<size_t>(photo_of_[i])] && outliers_[i] > 0.5_r;
-  return static_cast<double>(out) / static_cast<double>(std::max<size_t>(1, outliers_.size()));
-}
-
 void RobustMask::reset() {
   std::ranges::fill(outliers_, 0.0_r);
+  std::ranges::fill(out_, uint8_t{0});
   std::ranges::fill(histogram_, 0.0_r);
   std::ranges::fill(trusted_, uint8_t{1});
   threshold_ = 1;

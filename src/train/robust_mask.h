@@ -14,11 +14,12 @@ namespace nerf {
 struct RayBatch;
 
 // Trimmed least squares (Sabour et al. 2023, section 4.2) for pixels that are drawn one by one: a
-// pixel is left out where its error is among the largest `share` of all recent ones and so are most
-// recent errors of its tile, which takes the place of the paper's patch. The histogram of errors
-// decays as in SpotLessSplats (Sabour et al. 2024, its robust filter), and pixels are left out
-// little by little from the first steps on. Of no photo more than kMostOfPhoto of its tiles are
-// left out: then its light is another, or its camera is wrong.
+// pixel is left out where its error is among the largest `share` of all recent ones and so are many
+// recent errors of its tile and the tiles around it, which take the place of the paper's patch:
+// what passes by has an outline, and parts that happen to look like what they hide. The histogram
+// of errors decays as in SpotLessSplats (Sabour et al. 2024, its robust filter), and pixels are
+// left out little by little from the first steps on. Of no photo more than kMostOfPhoto of its
+// tiles are left out: then its light is another, or its camera is wrong.
 class RobustMask {
  public:
   static constexpr double kMostOfPhoto = 0.4;
@@ -37,7 +38,6 @@ class RobustMask {
   bool is_left_out(size_t source, int x, int y) const {
     return trusted_[source] && is_out(tile_of(source, x, y));
   }
-  double share_left_out() const;  // of all tiles
 
   // Between steps, for a checkpoint.
   template <class T, class Visit>
@@ -53,7 +53,8 @@ class RobustMask {
     int width = 0, height = 0;
     int32_t first = 0;
   };
-  bool is_out(int32_t tile) const { return outliers_[static_cast<size_t>(tile)] > 0.5_r; }
+  bool is_out(int32_t tile) const { return out_[static_cast<size_t>(tile)] != 0; }
+  void find_tiles(const Tiles& t);
   void find_photos();
 
   double share_;
@@ -62,6 +63,7 @@ class RobustMask {
   std::vector<int32_t> photo_of_;  // of each tile
   std::vector<uint8_t> trusted_;   // photos of which tiles may be left out
   std::vector<Real> outliers_;     // running share of a tile's errors above the threshold
+  std::vector<uint8_t> out_;       // tiles around which they are many
   std::vector<Real> histogram_;    // of errors, decaying
   Real threshold_ = 1;
 };

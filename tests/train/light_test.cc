@@ -10,6 +10,7 @@
 #include "nerf/train/light_probe.h"
 #include "nerf/train/trainer.h"
 #include "support/repeatable.h"
+#include "support/synthetic_film.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 
@@ -123,17 +124,17 @@ TEST(Light, FixedLightNeedsNothing) {
 
 TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   TrainOptions shadow;
-  resolve_light({0.03, 0.5}, shadow);
+  resolve_light({0.03, 0.5, 0.38, 0.08}, shadow);
   EXPECT_GT(shadow.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(shadow.grid_recipe.light.colour_correction, Switch::kOff);
   EXPECT_FALSE(shadow.grid_recipe.point_depth.has_value());
   TrainOptions phone;  // that chooses its exposure for each photo
-  resolve_light({0.3, 0.35}, phone);
+  resolve_light({0.3, 0.35, 0.35}, phone);
   EXPECT_EQ(phone.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(phone.grid_recipe.light.colour_correction, Switch::kOn);
   EXPECT_FALSE(phone.grid_recipe.point_depth.has_value());
   TrainOptions shines;  // and is brighter from where the lamp is seen in it
-  resolve_light({0.3, 0.2}, shines);
+  resolve_light({0.3, 0.2, 0.2}, shines);
   EXPECT_EQ(shines.grid_recipe.light.colour_correction, Switch::kOff);
   TrainOptions days;
   resolve_light({0.8, {}}, days);
@@ -141,12 +142,64 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   EXPECT_EQ(days.grid_recipe.light.colour_correction, Switch::kOn);
   EXPECT_EQ(days.grid_recipe.light.vignetting, Switch::kOn);
   EXPECT_GT(days.grid_recipe.point_depth.value_or(0), 0);
+  EXPECT_EQ(days.grid_recipe.light.robust, (AutoShare{false, 0}));
+  TrainOptions people;  // of whom most of the even error is
+  resolve_light({0.3, 0.64, 0.27, 0.24}, people);
+  EXPECT_EQ(people.grid_recipe.light.robust, (AutoShare{false, 0.3}));
+  EXPECT_EQ(people.grid_recipe.light.appearance.count, 0);
+  EXPECT_EQ(people.grid_recipe.light.colour_correction, Switch::kOff);
+  TrainOptions crowd;
+  resolve_light({{}, 0.6, 0.2, 0.45}, crowd);
+  EXPECT_EQ(crowd.grid_recipe.light.robust, (AutoShare{false, 0.5}));
   TrainOptions said = options_with(0, Switch::kOff, 1);
+  said.grid_recipe.light.robust = {false, 0};
   said.grid_recipe.point_depth = 0;
-  resolve_light({0.8, 0.9}, said);
+  resolve_light({0.8, 0.9, 0.9, 0.3}, said);
   EXPECT_EQ(said.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(said.grid_recipe.light.colour_correction, Switch::kOff);
   EXPECT_EQ(said.grid_recipe.point_depth, 0);
+  EXPECT_EQ(said.grid_recipe.light.robust, (AutoShare{false, 0}));
+}
+
+// The sphere in a round room with waves on its wall.
+bool room_colour(const Vec3d& origin, const Vec3d& d, double rgb[3]) {
+  if (test::sphere_colour(origin, d, rgb)) return true;
+  constexpr double kRoom = 4;  // radius
+  const double along = dot(origin, d);
+  const double t = -along + std::sqrt(along * along - dot(origin, origin) + kRoom * kRoom);
+  const Vec3d wall = origin + d * t;
+  for (int k = 0; k < 3; ++k) rgb[k] = 0.5 + 0.3 * std::sin(1.5 * wall[k] + k);
+  return true;
+}
+
+// A box of a fifth of the pixels, of another colour and elsewhere in each photo.
+TEST(Light, WhatPassesByIsSeenInAShortTraining) {
+  constexpr int kSize = 48, kBox = 22;
+  auto c = test::sphere_capture(24, kSize);
+  c.scene.unbounded = true;
+  c.scene.alpha = false;
+  c.scene.near = 2;  // nothing before the sphere
+  for (size_t i = 0; i < c.photos.photos.size(); ++i)
+    c.photos.photos[i] = test::photo_of(c.photos.cameras[i], c.scene.views[i].pose, 2, room_colour);
+  ThreadPool pool(2);
+  const LightProbe clean = probe_light(c.scene, c.photos, pool);
+  for (size_t i = 0; i < c.photos.photos.size(); ++i) {
+    const size_t left = i * 11 % (kSize - kBox), top = i * 17 % (kSize - kBox);
+    for (size_t y = top; y < top + kBox; ++y)
+      for (size_t x = left; x < left + kBox; ++x)
+        for (size_t k = 0; k < 3; ++k)
+          c.photos.photos[i].pixels8[4 * (y * kSize + x) + k] = (i >> k) % 2 ? 255 : 0;
+  }
+  const LightProbe passing = probe_light(c.scene, c.photos, pool);
+  ASSERT_TRUE(clean.passing_share && passing.passing_share);
+  RecordProperty("clean", std::to_string(*clean.passing_share));
+  RecordProperty("passing", std::to_string(*passing.passing_share));
+  TrainOptions alone, crowded;
+  resolve_light(clean, alone);
+  resolve_light(passing, crowded);
+  EXPECT_EQ(alone.grid_recipe.light.robust, (AutoShare{false, 0}));
+  EXPECT_GT(crowded.grid_recipe.light.robust.number, 0.15);
+  EXPECT_LT(crowded.grid_recipe.light.robust.number, 0.4);
 }
 
 // Points that every photo sees, of one grey, in photos of two exposures: one stop apart.

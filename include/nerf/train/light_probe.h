@@ -1,4 +1,4 @@
-// Looks at photos, before a training, for light that differs between them.
+// Looks at photos, before a training, for light that differs between them and for what passed by.
 #pragma once
 
 #include <optional>
@@ -19,6 +19,11 @@ struct LightProbe {
   // Of a short training on reduced photos: what share of its squared error is one colour across a
   // tile of a photo, which a sharper field would not mend; no value where none was made.
   std::optional<double> smooth_share = {};
+  // The same of the tiles where nothing was left out.
+  std::optional<double> smooth_elsewhere = {};
+  // What share of the photos' pixels the short training left out, since they look different from
+  // what the other photos show there (LightRecipe::robust).
+  std::optional<double> passing_share = {};
   ShownLight shown = {};
 };
 
