@@ -22,6 +22,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
   const bool is_long =
       (light.appearance.automatic || light.robust.automatic) && !resumes &&
       (command.minutes.value_or(0) >= kFewestMinutes || command.train.steps >= kFewestSteps);
+  const bool finds_passing = light.robust.automatic;
   Progress clock("looking at the light");
   LightProbe probe;
   if (is_long)
@@ -34,10 +35,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
   std::string seen;
   if (probe.exposure_spread)
     seen = fmt::format("{:.2f} stops between photos", *probe.exposure_spread);
-  // Where something passes by, the light is judged by what is left.
-  const bool passes = probe.passing_share && light.robust.number > 0;
-  const auto smooth = passes ? probe.smooth_elsewhere : probe.smooth_share;
-  if (smooth)
+  if (const auto smooth = probe.smooth_by_light())
     seen += fmt::format("{}{:.0f} % of a short training's error is even across small areas",
                         seen.empty() ? "" : ", ", 100 * *smooth);
   if (has_exif)
@@ -54,7 +52,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
     learnt.push_back("distances of sparse points");
   log_info(fmt::format("light         {}{} ({}; {:.1f} s)", learnt.empty() ? "fixed" : "differs: ",
                        fmt::join(learnt, ", "), seen, clock.elapsed_seconds()));
-  if (passes)
+  if (finds_passing && probe.passes())
     log_info(
         fmt::format("passing by    {:.0f} % of the pixels show what other photos do not: the "
                     "worst {:.0f} % teach nothing (--robust off: all teach)",

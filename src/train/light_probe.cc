@@ -166,6 +166,14 @@ double rounded(double factor) { return std::round(100 * factor) / 100; }
 
 }  // namespace
 
+// The short training leaves out at most 8 % of a capture that nothing passed by (where a shadow
+// walks, which tells of light; others 5 %), 10 % where things cover 5 % of the pixels, and 24 %
+// where they cover 20 %.
+bool LightProbe::passes() const {
+  constexpr double kPassing = 0.09;
+  return passing_share.value_or(0) > kPassing;
+}
+
 LightProbe probe_light(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                        const Cancel* cancel) {
   LightProbe probe;
@@ -180,24 +188,20 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   constexpr double kUnlikeExposures = 0.2, kLeastSmooth = 0.3;  // together
   constexpr int kAppearance = 16;
   constexpr double kPointDepth = 0.1, kPointDepthLoss = 1;
-  // The short training leaves out at most 8 % of a capture that nothing passed by (where a shadow
-  // walks; others 5 %), 10 % where things cover 5 % of the pixels, and 24 % where they cover 20 %.
-  constexpr double kPassing = 0.09, kReserve = 1.25;
-  const double passing = probe.passing_share.value_or(0);
-  const bool passes = passing > kPassing;
+  constexpr double kReserve = 1.25;  // of a share that is left out
   const double spread = probe.exposure_spread.value_or(0);
   const double elsewhere = probe.smooth_elsewhere.value_or(0);
-  // A shadow that walks is left out too, and tells that light differs.
-  const double smooth = passes ? elsewhere : probe.smooth_share.value_or(0);
   const bool unlike_days = spread > kUnlikeDays;
-  const bool unlike = unlike_days || smooth > kUnlikeLight;
+  const bool unlike = unlike_days || probe.smooth_by_light().value_or(0) > kUnlikeLight;
   // Points that shine show exposures too, but the short training's error is then of small areas.
   const bool unlike_exposures =
       unlike_days || (spread > kUnlikeExposures && elsewhere > kLeastSmooth);
   LightRecipe& light = options.grid_recipe.light;
   if (light.appearance.automatic) light.appearance = {false, unlike ? kAppearance : 0};
-  if (light.robust.automatic)
-    light.robust = {false, passes ? std::min(rounded(kReserve * passing), ShareLimit::kMost) : 0};
+  if (light.robust.automatic) {
+    const double share = probe.passes() ? rounded(kReserve * *probe.passing_share) : 0;
+    light.robust = {false, std::min(share, ShareLimit::kMost)};
+  }
   const double exif = probe.shown.trusted_factor().value_or(0);
   if (light.colour_correction == Switch::kAuto)
     light.colour_correction = unlike_exposures ? Switch::kOn : Switch::kOff;

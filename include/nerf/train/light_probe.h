@@ -21,9 +21,15 @@ struct LightProbe {
   std::optional<double> smooth_share = {};
   // The same of the tiles where nothing was left out.
   std::optional<double> smooth_elsewhere = {};
+  // The one of the two that tells of light: where something passes by, its errors are even too.
+  std::optional<double> smooth_by_light() const {
+    return passes() ? smooth_elsewhere : smooth_share;
+  }
   // What share of the photos' pixels the short training left out, since they look different from
   // what the other photos show there (LightRecipe::robust).
   std::optional<double> passing_share = {};
+  // Whether that is more than light and what is hard to learn account for.
+  bool passes() const;
   ShownLight shown = {};
 };
 
