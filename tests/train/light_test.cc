@@ -10,7 +10,6 @@
 #include "nerf/train/light_probe.h"
 #include "nerf/train/trainer.h"
 #include "support/repeatable.h"
-#include "support/synthetic_film.h"
 #include "support/synthetic_scene.h"
 #include "support/tiny_options.h"
 
