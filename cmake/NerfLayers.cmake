@@ -68,6 +68,8 @@ function(nerf_add_kernels_layer layer)
                                 PROPERTIES COMPILE_OPTIONS "${amx}")
     set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/descriptors_vnni.cc
                                 PROPERTIES COMPILE_OPTIONS "${vnni}")
+    set_source_files_properties(${PROJECT_SOURCE_DIR}/src/${layer}/descriptors_avx2.cc
+                                PROPERTIES COMPILE_OPTIONS -march=x86-64-v3)
   endif()
 endfunction()
 

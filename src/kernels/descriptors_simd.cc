@@ -16,6 +16,7 @@ namespace {
 namespace hn = hwy::HWY_NAMESPACE;
 using internal::ColumnsNearest;
 using internal::DescriptorPanel;
+using internal::DescriptorRows;
 using internal::DescriptorTile;
 using internal::kTileColumns;
 using internal::kTileRows;
@@ -53,8 +54,14 @@ HWY_INLINE hn::Vec<D16> two_steps(const int16_t* row) {
 #endif
 }
 
+void pack_rows(int64_t rows, const uint8_t* a, DescriptorRows& out) {
+  const int64_t given = rows * kDescriptorBytes;
+  for (int64_t i = 0; i < given; ++i) out.values[i] = a[i];
+  for (int64_t i = given; i < kTileRows * kDescriptorBytes; ++i) out.values[i] = 0;
+}
+
 // values: of each vector of columns all steps.
-void pack(int64_t columns, const uint8_t* b, DescriptorPanel& panel) {
+void pack_columns(int64_t columns, const uint8_t* b, DescriptorPanel& panel) {
   for (int c = 0; c < kTileColumns; ++c) {
     uint16_t* to = panel.values + (c / kLanes) * kSteps * 2 * kLanes + c % kLanes * kColumnStride;
     const uint8_t* from = b + c * kDescriptorBytes;
@@ -93,16 +100,12 @@ HWY_INLINE void block(const int16_t* a, const uint16_t* b, int32_t* out) {
   });
 }
 
-void multiply(int64_t rows, const uint8_t* a, const DescriptorPanel& panel, DescriptorTile& tile) {
+void multiply(const DescriptorRows& rows, const DescriptorPanel& panel, DescriptorTile& tile) {
   constexpr int kRows = 4, kColumns = 2;
-  alignas(64) int16_t wide[kTileRows * kDescriptorBytes];
-  const int64_t given = rows * kDescriptorBytes;
-  for (int64_t i = 0; i < given; ++i) wide[i] = a[i];
-  for (int64_t i = given; i < kTileRows * kDescriptorBytes; ++i) wide[i] = 0;
   for (int v = 0; v < kVectors; v += kColumns)
     for (int r = 0; r < kTileRows; r += kRows)
-      block<kRows, kColumns>(wide + r * kDescriptorBytes, panel.values + v * kSteps * 2 * kLanes,
-                             &tile.dots[r][v * kLanes]);
+      block<kRows, kColumns>(rows.values + r * kDescriptorBytes,
+                             panel.values + v * kSteps * 2 * kLanes, &tile.dots[r][v * kLanes]);
 }
 
 // Few tiles hold anything larger than the second of a row or a column: a maximum tells.
@@ -157,18 +160,25 @@ HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace nerf {
-HWY_EXPORT(pack);
+HWY_EXPORT(pack_rows);
+HWY_EXPORT(pack_columns);
 HWY_EXPORT(multiply);
 HWY_EXPORT(take_rows);
 HWY_EXPORT(take_columns);
 
 namespace internal {
-void pack_descriptor_words(int64_t columns, const uint8_t* b, DescriptorPanel& panel) {
-  HWY_DYNAMIC_DISPATCH(pack)(columns, b, panel);
-}
-void multiply_descriptor_words(int64_t rows, const uint8_t* a, const DescriptorPanel& panel,
-                               DescriptorTile& tile) {
-  HWY_DYNAMIC_DISPATCH(multiply)(rows, a, panel, tile);
+const DescriptorProducts& word_products() {
+  static constexpr DescriptorProducts kProducts{
+      [](int64_t rows, const uint8_t* a, DescriptorRows& out) {
+        HWY_DYNAMIC_DISPATCH(pack_rows)(rows, a, out);
+      },
+      [](int64_t columns, const uint8_t* b, DescriptorPanel& out) {
+        HWY_DYNAMIC_DISPATCH(pack_columns)(columns, b, out);
+      },
+      [](const DescriptorRows& rows, const DescriptorPanel& panel, DescriptorTile& tile) {
+        HWY_DYNAMIC_DISPATCH(multiply)(rows, panel, tile);
+      }};
+  return kProducts;
 }
 void take_tile_rows(int64_t rows, const DescriptorTile& tile, int64_t first_column,
                     NearestTwo* of_rows) {

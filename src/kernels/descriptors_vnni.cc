@@ -15,6 +15,7 @@ namespace {
 #include "kernels/unrolled.inc"
 
 constexpr int kLanes = 16;
+constexpr int kShift = 128;
 constexpr int kSteps = kDescriptorBytes / 4;  // of depth, four at a time
 
 // kRows x kColumns vectors of dot products stay in registers.
@@ -46,39 +47,35 @@ inline NERF_INLINE void block(const int8_t* a, const uint8_t* b, const int32_t* 
   });
 }
 
-}  // namespace
-
-void pack_descriptor_bytes(int64_t columns, const uint8_t* b, DescriptorPanel& panel) {
-  uint8_t* values = reinterpret_cast<uint8_t*>(panel.values);
-  for (int c = 0; c < kTileColumns; ++c) {
-    uint8_t* to = values + c / kLanes * kSteps * 4 * kLanes + c % kLanes * 4;
-    const uint8_t* from = b + c * kDescriptorBytes;
-    int32_t sum = 0;
-    for (int k = 0; k < kSteps; ++k) {
-      int32_t four = 0;
-      if (c < columns) __builtin_memcpy(&four, from + 4 * k, sizeof four);
-      __builtin_memcpy(to + k * 4 * kLanes, &four, sizeof four);
-      for (int i = 0; i < 32; i += 8) sum += four >> i & 255;
-    }
-    panel.offsets[c] = 128 * sum;
-  }
-}
-
-void multiply_descriptor_bytes(int64_t rows, const uint8_t* a, const DescriptorPanel& panel,
-                               DescriptorTile& tile) {
-  constexpr int kRows = 4, kColumns = 4;
-  alignas(64) int8_t shifted[kTileRows * kDescriptorBytes];
+void pack_rows(int64_t rows, const uint8_t* a, DescriptorRows& out) {
+  int8_t* shifted = reinterpret_cast<int8_t*>(out.values);
   const int64_t given = rows * kDescriptorBytes;
-  const __m512i shift = _mm512_set1_epi8(-128);
+  const __m512i shift = _mm512_set1_epi8(-kShift);
   for (int64_t i = 0; i < kTileRows * kDescriptorBytes; i += 64) {
     const __m512i bytes = i < given ? _mm512_loadu_si512(a + i) : _mm512_setzero_si512();
     _mm512_store_si512(shifted + i, _mm512_xor_si512(bytes, shift));
   }
+}
+
+void pack_columns(int64_t columns, const uint8_t* b, DescriptorPanel& out) {
+  pack_descriptor_bytes(columns, b, kLanes, kShift, out);
+}
+
+void multiply(const DescriptorRows& rows, const DescriptorPanel& panel, DescriptorTile& tile) {
+  constexpr int kRows = 4, kColumns = 4;
+  const int8_t* shifted = reinterpret_cast<const int8_t*>(rows.values);
   const uint8_t* values = reinterpret_cast<const uint8_t*>(panel.values);
   for (int v = 0; v < kTileColumns / kLanes; v += kColumns)
     for (int r = 0; r < kTileRows; r += kRows)
       block<kRows, kColumns>(shifted + r * kDescriptorBytes, values + v * kSteps * 4 * kLanes,
                              panel.offsets + v * kLanes, &tile.dots[r][v * kLanes]);
+}
+
+}  // namespace
+
+const DescriptorProducts& byte_products() {
+  static constexpr DescriptorProducts kProducts{pack_rows, pack_columns, multiply};
+  return kProducts;
 }
 
 }  // namespace nerf::internal

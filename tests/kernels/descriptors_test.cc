@@ -44,7 +44,7 @@ void expect_as_reference(const Bytes& a, const Bytes& b) {
     EXPECT_TRUE(nearest(a, b, nearest_descriptors) == truth);
 #ifndef NERF_DOUBLE
     EXPECT_TRUE(nearest(a, b, [](auto... arguments) {
-                  internal::nearest_descriptors(internal::kWordProducts, arguments...);
+                  internal::nearest_descriptors(internal::word_products(), arguments...);
                 }) == truth);
 #endif
   });
@@ -84,6 +84,25 @@ TEST(Descriptors, ExtremesNeitherOverflowNorMatch) {
   expect_as_reference(zeros, ones);
   EXPECT_EQ(expected(ones, ones).of_rows[3], (NearestTwo{128 * 255 * 255, 128 * 255 * 255, 0}));
   EXPECT_EQ(expected(ones, zeros).of_rows[3], NearestTwo());
+}
+
+// Sums of four 8-bit products are kept in 16 bits where they are known to fit.
+TEST(Descriptors, FourBytesAtTheLimitOfSixteenBits) {
+  const auto all = [](int64_t n, int value) {
+    return Bytes(static_cast<size_t>(n) * kDescriptorBytes, static_cast<uint8_t>(value));
+  };
+  for (const int row : {0, 47, 48, 49, 174, 175, 176, 255})
+    for (const int column : {0, 1, 63, 64, 65, 66, 254, 255}) {
+      SCOPED_TRACE(std::to_string(row) + " x " + std::to_string(column));
+      // 16 rows fill a tile; with one, those that fill it up are 0.
+      for (const int64_t rows : {1, 16}) expect_as_reference(all(rows, row), all(130, column));
+    }
+  // One descriptor of a tile that differs from all others.
+  Bytes a = random_descriptors(32, 6, 100), b = random_descriptors(256, 7, 100);
+  std::fill_n(a.begin() + 17 * kDescriptorBytes, kDescriptorBytes, uint8_t{176});
+  std::fill_n(b.begin() + 200 * kDescriptorBytes, kDescriptorBytes, uint8_t{255});
+  expect_as_reference(a, b);
+  expect_as_reference(b, a);
 }
 
 TEST(Descriptors, NeighboursFarApartAreFound) {
