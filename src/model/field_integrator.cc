@@ -26,8 +26,8 @@ class GridRays final : public FieldIntegrator {
   void integrate(std::span<const Ray> rays, const RaySink& sink, int thread) override {
     auto& own = integrators_[static_cast<size_t>(thread)];
     if (!own)
-      own = std::make_unique<GridIntegrator>(field_, field_.occupancy, packs_, options_, box_,
-                                             medium_);
+      own = std::make_unique<GridIntegrator>(field_, GridMoment{field_.occupancy}, packs_, options_,
+                                             box_, medium_);
     own->begin(sink);
     for (size_t i = 0; i < rays.size(); ++i) own->add(rays[i], static_cast<int>(i));
     own->finish();

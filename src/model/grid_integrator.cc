@@ -12,7 +12,7 @@ namespace {
 
 SamplerOptions sampler_options(const GridField& field, const RenderOptions& options) {
   SamplerOptions s = field.sampler();
-  if (field.motion.empty()) s.min_transmittance = options.min_transmittance;
+  if (!field.moves()) s.min_transmittance = options.min_transmittance;
   s.samples_per_cell *= options.sample_factor;
   s.max_samples = std::min(std::max(s.max_samples, options.max_samples), kChunkSamples);
   s.uniform_share = std::clamp(options.uniform_share, 0.0_r, 1e6_r);
@@ -32,7 +32,7 @@ inline void add_weighted(size_t n, Real w, const Real* __restrict x, Real* __res
 
 }  // namespace
 
-GridIntegrator::GridIntegrator(const GridField& field, const OccupancyGrid& occupancy,
+GridIntegrator::GridIntegrator(const GridField& field, const GridMoment& moment,
                                const LayerPacks& packs, const RenderOptions& options,
                                const std::optional<ObliqueBox>& box,
                                const std::optional<EngineMedium>& medium)
@@ -43,12 +43,15 @@ GridIntegrator::GridIntegrator(const GridField& field, const OccupancyGrid& occu
       tape_(field, /*training=*/false),
       chunk_(tape_.tape),
       shading_(tape_.tape),
-      sampler_(occupancy, sampler_options(field, options), field.clip) {
+      sampler_(moment.occupancy, sampler_options(field, options), field.clip) {
   if (tape_.code >= 0)
     code_ = options.appearance.code.empty() ? field.default_code(0) : options.appearance.code;
   chunk_.weights = shading_.weights = field.weights.data();
   chunk_.packs = shading_.packs = &packs;
-  if (!field.motion.empty()) motion_ = std::make_unique<MotionChunk>(field, &packs);
+  if (moment.lattice)
+    lattice_motion_ = std::make_unique<LatticeMotion>(*moment.lattice, field, &packs);
+  else if (field.moves())
+    motion_ = std::make_unique<MotionChunk>(field, &packs);
   delta_row_ = chunk_.data(tape_.delta);
   direction_rows_ = chunk_.data(tape_.directions);
   for (auto* a : {&x_, &y_, &z_}) *a = AlignedArray<Real>(kChunkSamples);
@@ -143,7 +146,7 @@ void GridIntegrator::add_part(size_t w, size_t until) {
   way.next += n;
   samples_used_ += static_cast<int>(n);
   for (int k = 0; k < 3; ++k) direction_rows_[k * lr + parts_] = way.direction[k];
-  if (motion_) chunk_.data(tape_.time)[parts_] = way.time;
+  if (field_.moves()) chunk_.data(tape_.time)[parts_] = way.time;
   ++parts_;
   ray_begin_[static_cast<size_t>(parts_)] = samples_used_;
 }
@@ -172,12 +175,17 @@ void GridIntegrator::flush() {
 }
 
 GridPoints GridIntegrator::looked_up() {
-  if (!motion_) return {x_.data(), y_.data(), z_.data()};
+  if (!field_.moves()) return {x_.data(), y_.data(), z_.data()};
   const int64_t padded = round_up(samples_used_, kLane), ld = chunk_.stride(tape_.position);
   Real* to = chunk_.data(tape_.position);
   for (const auto* a : {&x_, &y_, &z_}) {
     std::copy_n(a->data(), padded, to);
     to += ld;
+  }
+  if (lattice_motion_) {
+    lattice_motion_->forward(x_.data(), y_.data(), z_.data(), samples_used_);
+    return {lattice_motion_->canonical(0), lattice_motion_->canonical(1),
+            lattice_motion_->canonical(2)};
   }
   motion_->forward(x_.data(), y_.data(), z_.data(), samples_used_, parts_, ray_begin_.data(),
                    chunk_.data(tape_.time));

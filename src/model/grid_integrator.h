@@ -8,20 +8,27 @@
 
 #include "model/field_integrator.h"
 #include "model/medium_ray.h"
+#include "model/motion_lattice.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
 
 namespace nerf::internal {
 
+// What all rays of a picture share. A lattice is of their time; without one their samples are moved
+// one by one, each ray's at its own time.
+struct GridMoment {
+  const OccupancyGrid& occupancy;  // the field's, or of one moment
+  MotionLattice* lattice = nullptr;
+};
+
 // One thread's. Rays are added, then all of them are asked for at once: a stretch of each ray after
 // the other, from its beginning on, so that next to nothing behind opaque matter is asked for and
 // chunks are full nevertheless.
 class GridIntegrator {
  public:
-  // occupancy: the field's, or of one moment; packs: of the field's networks; they, the field and
-  // the options must outlive this.
-  GridIntegrator(const GridField& field, const OccupancyGrid& occupancy, const LayerPacks& packs,
+  // packs: of the field's networks. All but the box and the medium must outlive this.
+  GridIntegrator(const GridField& field, const GridMoment& moment, const LayerPacks& packs,
                  const RenderOptions& options, const std::optional<ObliqueBox>& box,
                  const std::optional<EngineMedium>& medium);
 
@@ -89,7 +96,9 @@ class GridIntegrator {
   RaySink sink_;
   bool has_moments_ = false, has_percentiles_ = false, has_deep_ = false;
   GridTape tape_;
-  std::unique_ptr<MotionChunk> motion_;  // none: the scene stands still
+  // Neither: the scene stands still.
+  std::unique_ptr<MotionChunk> motion_;
+  std::unique_ptr<LatticeMotion> lattice_motion_;
   Chunk chunk_, shading_;
   Real *delta_row_ = nullptr, *direction_rows_ = nullptr;  // inputs of chunk_
   RaySampler sampler_;

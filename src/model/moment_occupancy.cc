@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kPoints = 2;              // asked for in each block
 constexpr int64_t kRaySamples = 3;      // of a ray that the search may cost
-constexpr double kLeastOpacity = 1e-3;  // of a cell's width of matter
+constexpr double kLeastOpacity = 4e-3;  // of a cell's width of matter
 
 // The 2^3 cells of a brick that are one block, as a mask: x in bits 0-1 of a cell's index, y in
 // 2-3, z in 4-5.

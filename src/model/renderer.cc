@@ -23,13 +23,13 @@ namespace {
 // One picture of the grid method on its way, tile by tile.
 class GridPicture {
  public:
-  GridPicture(const GridField& field, const OccupancyGrid& occupancy, const ModelInfo& info,
+  GridPicture(const GridField& field, const internal::GridMoment& moment, const ModelInfo& info,
               const Camera& camera, const Pose& camera_to_world, const RenderOptions& options,
               const internal::ObjectPixels& objects,
               const std::optional<internal::EngineMedium>& medium, ThreadPool& pool,
               const std::function<void(double)>& progress, const Cancel* cancel)
       : field_(field),
-        occupancy_(occupancy),
+        moment_(moment),
         info_(info),
         camera_(camera),
         pose_(info.to_engine.apply(camera_to_world)),
@@ -94,7 +94,7 @@ class GridPicture {
       auto& renderer = renderers_[static_cast<size_t>(thread)];
       if (!renderer)
         renderer = std::make_unique<internal::TileRenderer>(
-            field_, occupancy_, packs_, camera_, pose_, info_, options_, objects_, box_, medium_);
+            field_, moment_, packs_, camera_, pose_, info_, options_, objects_, box_, medium_);
       const int x = static_cast<int>(tile % columns) * side;
       const int y = static_cast<int>(tile / columns) * side;
       body(*renderer, x, y, std::min(x + side, camera_.width), std::min(y + side, camera_.height));
@@ -107,7 +107,7 @@ class GridPicture {
   }
 
   const GridField& field_;
-  const OccupancyGrid& occupancy_;
+  const internal::GridMoment moment_;
   const ModelInfo& info_;
   const Camera& camera_;
   const Pose pose_;
@@ -175,10 +175,13 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const int n = rays_per_side(radiance, options, camera, camera_to_world);
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto medium = internal::engine_medium(radiance, options);
-  std::optional<OccupancyGrid> moment;
-  if (radiance.is_grid() && !options.unclipped)
-    moment = internal::occupancy_at(radiance.grid(), options.precision, options.time,
-                                    int64_t{n} * n * camera.width * camera.height, pool, cancel);
+  std::optional<OccupancyGrid> occupancy;
+  std::optional<internal::MotionLattice> lattice;
+  if (radiance.is_grid() && radiance.field().moves() && !options.unclipped) {
+    lattice.emplace(radiance.grid(), options.time);
+    occupancy = internal::occupancy_at(radiance.grid(), options.precision, options.time,
+                                       int64_t{n} * n * camera.width * camera.height, pool, cancel);
+  }
   const auto draw = [&](const Insertion* inserted, const RenderOptions& chosen,
                         const std::function<void(double)>& progress) {
     const auto render_part = [&](const Camera& given, const std::function<void(double)>& at) {
@@ -188,8 +191,10 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
       if (inserted) objects = inserted->look(part, to_engine, chosen, pool, cancel);
       Frame picture =
           radiance.is_grid()
-              ? GridPicture(radiance.grid(), moment ? *moment : radiance.grid().occupancy, info,
-                            part, camera_to_world, chosen, objects, medium, pool, at, cancel)
+              ? GridPicture(radiance.grid(),
+                            {occupancy ? *occupancy : radiance.grid().occupancy,
+                             lattice ? &*lattice : nullptr},
+                            info, part, camera_to_world, chosen, objects, medium, pool, at, cancel)
                     .render(n)
               : internal::render_network(radiance, part, camera_to_world, chosen, objects, pool, at,
                                          cancel);

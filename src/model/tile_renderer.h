@@ -20,19 +20,18 @@ namespace nerf::internal {
 // their tile, and then of their block, may first meet matter.
 class TileRenderer {
  public:
-  // occupancy: the field's, or of the picture's moment; packs: of the field's networks; both must
-  // outlive this.
-  TileRenderer(const GridField& field, const OccupancyGrid& occupancy, const LayerPacks& packs,
+  // packs: of the field's networks. They, the field and the moment must outlive this.
+  TileRenderer(const GridField& field, const GridMoment& moment, const LayerPacks& packs,
                const Camera& camera, const Pose& pose, const ModelInfo& info,
                const RenderOptions& options, const ObjectPixels& objects,
                const std::optional<ObliqueBox>& box, const std::optional<EngineMedium>& medium)
-      : occupancy_(occupancy),
+      : occupancy_(moment.occupancy),
         camera_(camera),
         pose_(pose),
         near_(info.near),
         options_(options),
         objects_(objects),
-        integrator_(field, occupancy, packs, options, box, medium) {
+        integrator_(field, moment, packs, options, box, medium) {
     if (options.layers) layers_.emplace(field, *options.layers, info.to_engine);
   }
 
