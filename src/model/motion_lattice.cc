@@ -28,7 +28,7 @@ int cube_of(Real x, int side, Real& within) {
 MotionLattice::MotionLattice(const GridField& field, Real time)
     : time_(time), side_(corners_along(field)) {
   const size_t n = static_cast<size_t>(side_);
-  offsets_.reset(new Vec3[n * n * n]);  // not written where no sample is
+  offsets_.reset(new Real[3 * n * n * n]);
   states_ = std::make_unique<std::atomic<uint8_t>[]>(n * n * n);
 }
 
@@ -100,19 +100,22 @@ void LatticeMotion::find_missing() {
     uint8_t unknown = MotionLattice::kUnknown;
     if (!state.compare_exchange_strong(unknown, MotionLattice::kClaimed, std::memory_order_relaxed))
       continue;
-    lattice_.offsets_[missing_[i]] = own_offsets_[i];
+    for (int k = 0; k < 3; ++k)
+      lattice_.offsets_[3 * static_cast<size_t>(missing_[i]) + static_cast<size_t>(k)] =
+          own_offsets_[i][k];
     state.store(MotionLattice::kKnown, std::memory_order_release);
   }
 }
 
-const Vec3& LatticeMotion::offset(int32_t corner) const {
+Vec3 LatticeMotion::offset(int32_t corner) const {
   // Another thread may be about to write what this one has found, too.
   if (!missing_.empty()) {
     const auto at = std::lower_bound(missing_.begin(), missing_.end(), corner);
     if (at != missing_.end() && *at == corner)
       return own_offsets_[static_cast<size_t>(at - missing_.begin())];
   }
-  return lattice_.offsets_[corner];
+  const Real* const offset = lattice_.offsets_.get() + 3 * static_cast<size_t>(corner);
+  return {offset[0], offset[1], offset[2]};
 }
 
 }  // namespace nerf::internal

@@ -29,8 +29,9 @@ class MotionLattice {
 
   Real time_;
   int side_;
-  // canonical - grid position, written by the thread that claims the corner
-  std::unique_ptr<Vec3[]> offsets_;
+  // canonical - grid position of each corner, written by the thread that claims it: pages of the
+  // memory that no sample is near are never touched
+  std::unique_ptr<Real[]> offsets_;
   std::unique_ptr<std::atomic<uint8_t>[]> states_;
 };
 
@@ -49,7 +50,7 @@ class LatticeMotion {
  private:
   // Finds the corners in missing_, sorted, that no thread has found yet.
   void find_missing();
-  const Vec3& offset(int32_t corner) const;
+  Vec3 offset(int32_t corner) const;
 
   MotionLattice& lattice_;
   MotionChunk motion_;

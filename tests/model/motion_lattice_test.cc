@@ -99,8 +99,8 @@ TEST(MotionLattice, AffineMotionIsExact) {
   EXPECT_GT(error(exact, points), 0.05);
 }
 
-// With the step h, that of cubes with a kink of the network falls as h, their share as h: their root
-// mean square as h^1.5. Elsewhere it falls as h^2.
+// With the step h, that of cubes with a kink of the network falls as h, their share as h: their
+// root mean square as h^1.5. Elsewhere it falls as h^2.
 TEST(MotionLattice, ErrorFallsWithTheStep) {
   const Points points = random_points(20000, 2);
   double errors[2];
