@@ -13,15 +13,15 @@ MotionShape MotionRecipe::shape() const {
   MotionShape s;
   if (deform == Deform::kAuto || deform == Deform::kNone) return s;
   s.warp.kind = deform == Deform::kSe3 ? WarpKind::kSe3 : WarpKind::kTranslation;
-  // Chosen on development views of `orbit` (docs/moving.md).
-  s.warp.position_degrees = 4;
+  // Chosen on development views (docs/moving.md).
+  s.warp.position_degrees = 3;
   s.warp.depth = 3;
   s.warp.width = width;
   s.ambient = ambient;
   s.time_code = 8;
-  s.time_degrees = 6;
+  s.time_degrees = 4;
   s.time_width = width;
-  s.point_degrees = 3;
+  s.point_degrees = 2;
   return s;
 }
 

@@ -99,8 +99,12 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record = RayRecord();
     if (!found[i]) continue;
     Random& random = randoms[static_cast<size_t>(i)];
-    const PixelSource::Pixel& pixel = pixels[i];
+    PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
+    // A moment between two photos is learnt from both, or the networks of motion would be free to
+    // do there what they like.
+    if (given.empty() && !field_.motion.empty())
+      pixel.ray.time = source_.time_near(pixel.source, random.uniform());
     if (given.empty()) {
       record.source = static_cast<int32_t>(pixel.source);
       record.share = line_share(*pixel.camera, pixel.centre());

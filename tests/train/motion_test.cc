@@ -118,9 +118,10 @@ void compare_gradient(Deform deform) {
   for (const double g : got) norm += g * g;
   norm = std::sqrt(norm / static_cast<double>(got.size()));
   ASSERT_GT(norm, 1e-6);
-  // In float the loss is rounded, and a wide step crosses cells, whose slopes differ.
+  // In float the loss is rounded, and a wide step crosses cells, whose slopes differ: between 2e-3
+  // and 2.5e-4 the difference from the gradient falls with the step, below it grows again.
   const bool is_float = std::is_same_v<Real, float>;
-  const double h = is_float ? 1e-3 : 1e-6, tolerance = (is_float ? 3e-2 : 1e-4) * norm;
+  const double h = is_float ? 2.5e-4 : 1e-6, tolerance = (is_float ? 3e-2 : 1e-4) * norm;
   WorstError worst("motion_gradient");
   for (size_t k = 0; k < tried.size(); ++k) {
     Real& weight = t.field.weights[tried[k]];
@@ -288,6 +289,28 @@ TEST(Motion, MatterIsHeldInPlaceWhereOneCameraFilmedOnItsWay) {
   EXPECT_EQ(offset_weight(recipe, c.scene), 0);
   c.scene.train.resize(4);
   EXPECT_FALSE(filmed_on_the_way(c.scene));
+}
+
+// What lies between two moments is learnt from the photos of both.
+TEST(Motion, RaysAreOfTimesNearTheirPhotos) {
+  const auto c = moving_sphere(5, 16);
+  ThreadPool pool(2);
+  Trainer trainer(c.scene, c.photos, moving_options(1), pool);
+  GridTrainer& t = grid_of(trainer);
+  t.draw();
+  int rays = 0, between = 0;
+  for (int chunk = 0; chunk < t.batch.chunks; ++chunk)
+    for (int r = 0; r < t.batch.rays[static_cast<size_t>(chunk)]; ++r, ++rays) {
+      const size_t at = static_cast<size_t>(chunk * kChunkRays + r);
+      const auto time_of = [&](int view) { return c.scene.views[static_cast<size_t>(view)].time; };
+      const double own = time_of(c.scene.train[static_cast<size_t>(t.batch.photo[at])]);
+      const double time = static_cast<double>(t.batch.time[at]);
+      for (const int view : c.scene.train)
+        EXPECT_LE(std::abs(time - own), std::abs(time - time_of(view)) + 1e-6);
+      between += std::abs(time - own) > 0.01;
+    }
+  ASSERT_GT(rays, 100);
+  EXPECT_GT(between, rays / 2);
 }
 
 // Held-out photos are of moments between the others.
