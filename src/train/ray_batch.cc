@@ -101,8 +101,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     Random& random = randoms[static_cast<size_t>(i)];
     PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
-    // A moment between two photos is learnt from both, or the networks of motion would be free to
-    // do there what they like.
+    // No time between two moments is without photos.
     if (given.empty() && !field_.motion.empty())
       pixel.ray.time = source_.time_near(pixel.source, random.uniform());
     if (given.empty()) {
