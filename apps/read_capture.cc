@@ -72,7 +72,8 @@ PhotoSet decode(const Scene& scene, ThreadPool& pool, const SignalCancel& stop) 
   });
   progress.finish();
   if (scene.report.masks > 0)
-    log_info(fmt::format("{:.1f} % of all pixels are masked out", 100 * photos.fraction_masked));
+    log_info(fmt::format("{:.1f} % of all pixels are masked out{}", 100 * photos.fraction_masked,
+                         masks_cut_out(photos) ? ", around what is cut out" : ""));
   return photos;
 }
 

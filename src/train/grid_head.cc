@@ -96,6 +96,7 @@ void GridTrainer::note_pixels(int64_t c, const GridTape& tape, const Chunk& chun
   const Real* target = batch.target_of(static_cast<int>(c));
   double squared_error = 0;
   for (int r = 0; r < chunk.rays; ++r) {
+    if (batch.photo[static_cast<size_t>(c * kChunkRays + r)] < 0) continue;
     Real sum = 0;
     for (int k = 0; k < 3; ++k) {
       const Real e = pixel[k * lr + r] - target[k * kChunkRays + r];
@@ -127,7 +128,8 @@ double GridTrainer::mean_squared_error() const {
   const double sum =
       std::accumulate(chunk_squared_error.begin(), chunk_squared_error.begin() + batch.chunks,
                       batch.empty_squared_error);
-  return sum / (3 * static_cast<double>(std::max<int64_t>(batch.rays_considered, 1)));
+  const int64_t rays = batch.rays_considered - batch.rays_masked;
+  return sum / (3 * static_cast<double>(std::max<int64_t>(rays, 1)));
 }
 
 TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {

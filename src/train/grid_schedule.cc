@@ -30,6 +30,11 @@ double GridTrainer::depth_weight_at(int64_t step) const {
   return depth_weight * std::lerp(1.0, kLast, progress_at(step));
 }
 
+Real GridTrainer::masked_share_at(int64_t step) const {
+  if (masked.first <= 0) return 0;
+  return static_cast<Real>(masked.first * std::pow(masked.last / masked.first, progress_at(step)));
+}
+
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
   return samples_per_cell_at(step, options.plan());
 }

@@ -86,6 +86,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
       distortion(distortion_weight(o, s)),
       depth_weight(depth_loss_weight(o, s, p)),
       offset_weight(nerf::offset_weight(o.grid_recipe.motion, s)),
+      masked(masked_share(o, p)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
             learnt_light(o.grid_recipe.light, s, source), o.grid_recipe.motion.shape(),
             o.grid_recipe.medium.medium),
@@ -235,6 +236,8 @@ void GridTrainer::draw() {
   if (!given.empty())
     return maker.fill(seed(), done, static_cast<int64_t>(given.size()), samples_per_cell_at(done),
                       given, batch);
+  // Nothing is transparent in a medium.
+  if (!has_medium()) source.draw_masked(masked_share_at(done));
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));

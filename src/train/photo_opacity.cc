@@ -10,7 +10,7 @@ double Trainer::photo_opacity() const {
   for (uint64_t i = 0; i < kDraws; ++i) {
     Random random(0, 0, i);
     PixelSource::Pixel pixel;
-    if (!impl_->source.draw(random, pixel)) continue;
+    if (!impl_->source.draw(random, pixel) || pixel.masked) continue;
     sum += static_cast<double>(pixel.alpha);
     ++count;
   }

@@ -96,6 +96,7 @@ void PixelSource::choose(Random& random, Pixel& out) const {
 
 bool PixelSource::locate(Random& random, Pixel& out) const {
   choose(random, out);
+  out.masked = masked_share_ > 0 && !out.photo->mask.empty() && random.uniform() < masked_share_;
   return cast(out);
 }
 
@@ -133,7 +134,7 @@ bool PixelSource::cast(Pixel& out) const {
 
 bool PixelSource::read(Pixel& out) const {
   if (!read_colour(out)) return false;
-  if (out.distance > 0 || !has_depth_ || !(out.along_axis > 0)) return true;
+  if (out.distance > 0 || out.masked || !has_depth_ || !(out.along_axis > 0)) return true;
   const Vec2d centre = out.centre();
   out.distance = out.photo->depth.at(centre.x / out.photo->width, centre.y / out.photo->height) /
                  out.along_axis;
@@ -141,7 +142,13 @@ bool PixelSource::read(Pixel& out) const {
 }
 
 bool PixelSource::read_colour(Pixel& out) const {
-  if (out.photo->masked_out(out.x, out.y)) return false;
+  const bool drawn = out.masked;
+  out.masked = out.photo->masked_out(out.x, out.y);
+  if (out.masked) {
+    out.alpha = 0;
+    out.ray.photo = -1;
+    return drawn;
+  }
   Real rgba[4];
   out.photo->pixel(out.x, out.y, rgba);
   std::copy(rgba, rgba + 3, out.rgb);

@@ -104,7 +104,7 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     // No time between two moments is without photos.
     if (given.empty() && !field_.motion.empty())
       pixel.ray.time = source_.time_near(pixel.source, random.uniform());
-    if (given.empty()) {
+    if (given.empty() && !pixel.masked) {
       record.source = static_cast<int32_t>(pixel.source);
       record.share = line_share(*pixel.camera, pixel.centre());
     }
@@ -113,7 +113,8 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     record.time = pixel.ray.time;
     if (field_.books.falloff.out > 0 && pixel.camera)
       record.corner = static_cast<Real>(corner_square(*pixel.camera, pixel.centre()));
-    if (robust_ && given.empty()) record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
+    if (robust_ && given.empty() && !pixel.masked)
+      record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
@@ -217,7 +218,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
 
   // Whole rays into chunks, in order, until the batch is full.
   batch.chunks = 1;
-  batch.rays_considered = batch.total_samples = 0;
+  batch.rays_considered = batch.rays_masked = batch.total_samples = 0;
   batch.empty_squared_error = 0;
   batch.listed.clear();
   int samples = 0, count = 0;
@@ -244,9 +245,11 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
         samples = count = 0;
       }
       ++batch.rays_considered;
+      const bool masked = given.empty() && r.photo < 0;
+      batch.rays_masked += masked;
       if (batch.lists) batch.listed.push_back(listed_of(r));
       if (r.count == 0) {
-        batch.empty_squared_error += static_cast<double>(r.squared_error);
+        if (!masked) batch.empty_squared_error += static_cast<double>(r.squared_error);
         continue;
       }
       r.chunk = batch.chunks - 1;

@@ -38,9 +38,13 @@ class PixelSource {
     const Pose* pose = nullptr;  // camera-to-engine
     double along_axis = 1;       // depth of a ray's unit length
     double distance = 0;         // engine units, by the photo's depth map; 0: unknown
+    bool masked = false;         // transparent, and of no photo; see draw_masked()
 
     Vec2d centre() const { return {x + 0.5, y + 0.5}; }
   };
+  // From now on this share of the pixels that masks leave out is drawn, as transparent ones. A
+  // small one empties what no photo shows, and gives way to photos that show something there.
+  void draw_masked(Real share) { masked_share_ = share; }
   // A pixel drawn uniformly over all training photos (in panoramas over the sphere); false where it
   // is masked out or the lens has no ray for it (the draw then counts as nothing).
   bool draw(Random& random, Pixel& out) const;
@@ -86,6 +90,7 @@ class PixelSource {
   bool has_depth_ = false;
   std::vector<Sighting> sightings_;
   Real sighting_share_ = 0;
+  Real masked_share_ = 0;     // see draw_masked()
   std::vector<double> near_;  // engine units; no sample closer to the camera
   std::vector<Real> times_;   // see Ray::time
   struct Stretch {
@@ -129,8 +134,10 @@ struct RayBatch {
   std::vector<Real> depth;   // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
+  int64_t rays_masked = 0;      // of these; their Ray::photo is below 0
   int64_t total_samples = 0;
-  double empty_squared_error = 0;  // of those that met none, summed over rays and channels
+  // Of those that met none and are not masked, summed over rays and channels.
+  double empty_squared_error = 0;
 
   // Of an open step: every ray considered, with its target and its place in the chunks
   // [chunk][kChunkRays], or -1 where it met no matter.

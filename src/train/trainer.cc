@@ -62,6 +62,17 @@ double point_depth_share(const TrainOptions& options, const Scene& scene) {
   return options.grid_recipe.point_depth.value_or(0.0);
 }
 
+bool masks_cut_out(const PhotoSet& photos) { return photos.fraction_masked > 0.5; }
+
+MaskedShare masked_share(const TrainOptions& options, const PhotoSet& photos) {
+  // What was emptied early stays so. Beside what stands in the way of a scene photos do show
+  // something, which must not be held back for long (docs/wild.md).
+  constexpr double kCutOut = 0.3, kInTheWay = 0.1, kLastInTheWay = 0.01;
+  const bool cut_out = masks_cut_out(photos);
+  const double first = options.grid_recipe.masked_share.value_or(cut_out ? kCutOut : kInTheWay);
+  return {first, cut_out ? first : kLastInTheWay * first};
+}
+
 TrainingPlan TrainOptions::plan() const { return {steps, hold, plan_changes}; }
 
 Trainer::Trainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,

@@ -65,6 +65,14 @@ inline void with_depth(OptionSetting& s) {
     p.depth = {p.width, p.height, std::vector<uint16_t>(pixels, 0x4200)};  // 3 as a half float
   }
 }
+// The right half of each photo is masked out.
+inline void with_masks(OptionSetting& s) {
+  for (Photo& p : s.capture.photos.photos) {
+    p.mask.resize(static_cast<size_t>(p.width) * static_cast<size_t>(p.height));
+    for (size_t i = 0; i < p.mask.size(); ++i)
+      p.mask[i] = i % static_cast<size_t>(p.width) < static_cast<size_t>(p.width / 2) ? 255 : 0;
+  }
+}
 inline void learnt_light(OptionSetting& s) {
   s.options.grid_recipe.light.appearance = {false, 4};
   s.options.grid_recipe.light.colour_correction = Switch::kOn;
@@ -224,6 +232,7 @@ inline const std::vector<OptionLine>& option_lines() {
       {"distortion", {"0.01"}},
       {"depth_loss", {"0.5"}, with_depth},
       {"point_depth", {"0.3"}, unbounded_with_points},
+      {"masked_share", {"0"}, with_masks},
       {"early_samples", {"1"}},
       {"shared_colour", {"0"}},
       {"stop_transmittance", {"0.1"}},

@@ -16,7 +16,7 @@ namespace nerf {
 namespace {
 
 // Of photo v, stops.
-double exposure_of(size_t v) { return 0.4 * static_cast<double>(v % 5) - 0.9 * (v % 3 == 1); }
+double exposure_of_view(size_t v) { return 0.4 * static_cast<double>(v % 5) - 0.9 * (v % 3 == 1); }
 constexpr double kCorner = 0.6;  // stops
 
 // Photos of one grey, each of its exposure, and darker towards the corners; all of them see points
@@ -34,7 +34,7 @@ test::SyntheticCapture grey_photos() {
     for (int y = 0; y < photo.height; ++y)
       for (int x = 0; x < photo.width; ++x) {
         const double at = corner_square(c.photos.cameras[v], {x + 0.5, y + 0.5});
-        const double light = srgb_to_linear(0.45) * std::exp2(exposure_of(v) - kCorner * at);
+        const double light = srgb_to_linear(0.45) * std::exp2(exposure_of_view(v) - kCorner * at);
         for (size_t k = 0; k < 3; ++k)
           photo.pixels8[4 * static_cast<size_t>(y * photo.width + x) + k] =
               static_cast<uint8_t>(std::lround(255 * linear_to_srgb(light)));
@@ -57,7 +57,7 @@ TEST(ShownLight, ExposuresAndFalloffAreThoseOfThePhotos) {
     const auto& e = light.exposure[static_cast<size_t>(v)];
     ASSERT_TRUE(e.has_value()) << v;
     shown.push_back(*e);
-    truth.push_back(exposure_of(static_cast<size_t>(v)));
+    truth.push_back(exposure_of_view(static_cast<size_t>(v)));
   }
   for (size_t i = 1; i < shown.size(); ++i)
     EXPECT_NEAR(shown[i] - shown[0], truth[i] - truth[0], rounding()) << i;
@@ -72,13 +72,14 @@ TEST(ShownLight, ExposuresAndFalloffAreThoseOfThePhotos) {
 TEST(ShownLight, ExifIsTrustedWhereItExplainsThePhotos) {
   auto c = grey_photos();
   for (size_t v = 0; v < c.scene.views.size(); ++v)
-    c.scene.views[v].exposure = exposure_of(v) / 0.8 + 0.3;
+    c.scene.views[v].exposure = exposure_of_view(v) / 0.8 + 0.3;
   c.scene.views[1].exposure.reset();  // one does not say
   const ShownLight agrees = shown_light(c.scene, c.photos);
   EXPECT_NEAR(agrees.trusted_factor().value_or(99), 0.8, 0.02);
   EXPECT_GT(agrees.exif_explained, 0.99);
   // Exposures that took out what the light had brought, or that have nothing to do with it.
-  for (size_t v = 0; v < c.scene.views.size(); ++v) c.scene.views[v].exposure = -exposure_of(v);
+  for (size_t v = 0; v < c.scene.views.size(); ++v)
+    c.scene.views[v].exposure = -exposure_of_view(v);
   EXPECT_FALSE(shown_light(c.scene, c.photos).trusted_factor().has_value());
   for (size_t v = 0; v < c.scene.views.size(); ++v)
     c.scene.views[v].exposure = std::sin(10.0 * static_cast<double>(v));

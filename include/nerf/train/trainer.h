@@ -120,6 +120,17 @@ double depth_loss_weight(const TrainOptions& options, const Scene& scene, const 
 // loss takes; 0 where the capture has no points.
 double point_depth_share(const TrainOptions& options, const Scene& scene);
 
+// Whether the photos' masks leave so much out that what they keep is an object cut out, and not a
+// scene in whose way something stands.
+bool masks_cut_out(const PhotoSet& photos);
+
+// Of the pixels that masks leave out, the share that the grid method draws as transparent ones: in
+// the first steps, and in the last.
+struct MaskedShare {
+  double first = 0, last = 0;
+};
+MaskedShare masked_share(const TrainOptions& options, const PhotoSet& photos);
+
 struct StepReport {
   int64_t step = 0;  // steps done
   double loss = 0;   // mean over rays and channels; 0 for rays that meet no matter
