@@ -34,6 +34,9 @@ int count_moments(const Scene& scene) {
 bool filmed_on_the_way(const Scene& scene) {
   constexpr size_t kFewest = 8;
   constexpr double kSmall = 0.25;  // of the way to a photo of half the film later
+  // Two steps in a line are twice one, and sqrt(2) times where the camera shakes; of cameras that
+  // take turns every other photo is near.
+  constexpr double kOnwards = 1.25;
   std::vector<int> order = scene.train;
   const size_t n = order.size();
   if (n < kFewest || count_moments(scene) != static_cast<int>(n)) return false;
@@ -47,7 +50,8 @@ bool filmed_on_the_way(const Scene& scene) {
     std::ranges::nth_element(all, all.begin() + static_cast<int64_t>(all.size() / 2));
     return all[all.size() / 2];
   };
-  return usual_distance(1) < kSmall * usual_distance(n / 2);
+  const double step = usual_distance(1);
+  return step < kSmall * usual_distance(n / 2) && usual_distance(2) > kOnwards * step;
 }
 
 double offset_weight(const MotionRecipe& recipe, const Scene& scene) {

@@ -282,6 +282,13 @@ TEST(Motion, MatterIsHeldInPlaceWhereOneCameraFilmedOnItsWay) {
   recipe.offset = {};
   place([](double i) { return std::fmod(7 * i, 24); });  // here and there
   EXPECT_EQ(offset_weight(recipe, c.scene), 0);
+  // Two cameras side by side, of which one took every other of the training photos.
+  const auto turn = [&](double i) {
+    const auto at = std::ranges::find(c.scene.train, static_cast<int>(i));
+    return static_cast<double>((at - c.scene.train.begin()) % 2);
+  };
+  place([&](double i) { return 0.1 * i + 0.2 * turn(i); });
+  EXPECT_EQ(offset_weight(recipe, c.scene), 0);
   place([](double i) { return 0.1 * i; });
   const auto& train = c.scene.train;  // two photos of a moment
   c.scene.views[static_cast<size_t>(train[0])].time =
