@@ -7,6 +7,9 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <set>
+
+#include "nerf/train/motion_recipe.h"
 
 namespace nerf {
 
@@ -24,27 +27,54 @@ constexpr size_t kSurePoints = 4;       // of them, the nearest of which may be 
 constexpr size_t kMostPoints = 20000;   // that are looked at for each view
 const double kHalfDiagonal = 0.5 * std::sqrt(3.0);  // of a cell of width 1
 
-// Witnesses of each cell, counted up to two. The same for any order and any number of threads.
+// Parts of a film, each of as many moments of the training photos: what is empty in one may hold
+// matter in another. One for all where a camera filmed on its way: each part sees too little of the
+// space then (docs/moving.md).
+class FilmParts {
+ public:
+  static constexpr int kMost = 6;
+
+  explicit FilmParts(const Scene& scene) : is_one_(filmed_on_the_way(scene)) {
+    std::set<double> moments;
+    for (const int v : scene.train) moments.insert(scene.views[static_cast<size_t>(v)].time);
+    moments_.assign(moments.begin(), moments.end());
+  }
+  int count() const {
+    return is_one_ ? 1 : static_cast<int>(std::min<size_t>(moments_.size(), kMost));
+  }
+  // Of a training photo.
+  int of(const View& view) const {
+    const auto at = std::ranges::lower_bound(moments_, view.time) - moments_.begin();
+    return static_cast<int>(at * count() / static_cast<std::ptrdiff_t>(moments_.size()));
+  }
+
+ private:
+  bool is_one_;
+  std::vector<double> moments_;  // ascending
+};
+
+// Witnesses of each cell: how many, up to two, and of which parts of the film. The same for any
+// order and any number of threads.
 class Witnesses {
  public:
-  explicit Witnesses(const OccupancyGrid& grid)
+  Witnesses(const OccupancyGrid& grid, int parts)
       : grid_(grid),
-        one_(static_cast<size_t>(grid.cascades() * grid.cells() / 64)),
-        two_(one_.size()) {}
+        all_parts_(static_cast<uint8_t>((1 << parts) - 1)),
+        of_(static_cast<size_t>(grid.cascades() * grid.cells())) {}
 
-  void add(int cascade, int64_t cell) {
-    const size_t i = index(cascade, cell);
-    const uint64_t bit = uint64_t{1} << (i % 64);
-    const uint64_t before = std::atomic_ref(one_[i / 64]).fetch_or(bit, std::memory_order_relaxed);
-    if (before & bit) std::atomic_ref(two_[i / 64]).fetch_or(bit, std::memory_order_relaxed);
+  void add(int cascade, int64_t cell, int part) {
+    const std::atomic_ref of(of_[index(cascade, cell)]);
+    const uint8_t before = of.fetch_or(static_cast<uint8_t>(kOne | 1 << part), kRelaxed);
+    if (before & kOne && !(before & kTwo)) of.fetch_or(kTwo, kRelaxed);
   }
-  bool two(int cascade, int64_t cell) const {
-    const size_t i = index(cascade, cell);
-    return two_[i / 64] >> (i % 64) & 1;
+  // Whether two saw the cell empty, and one in each part of the film.
+  bool agree(int cascade, int64_t cell) const {
+    const uint8_t of = of_[index(cascade, cell)];
+    return of & kTwo && (of & all_parts_) == all_parts_;
   }
 
   // Every cell that half cell widths along the line meet, once.
-  void add_line(const Vec3d& from, const Vec3d& to) {
+  void add_line(const Vec3d& from, const Vec3d& to, int part) {
     const double whole = length(to - from);
     const Vec3d along = (to - from) / whole;
     int last_cascade = -1;
@@ -54,7 +84,7 @@ class Witnesses {
       const int cascade = grid_.cascade_of(p);
       if (cascade >= grid_.cascades()) return;
       const int64_t cell = grid_.cell_of(p, cascade);
-      if (cell != last || cascade != last_cascade) add(cascade, cell);
+      if (cell != last || cascade != last_cascade) add(cascade, cell, part);
       last = cell;
       last_cascade = cascade;
       t += 0.5 * static_cast<double>(grid_.cell_width(cascade));
@@ -63,7 +93,7 @@ class Witnesses {
 
   // Cells that lie wholly within `reach` of a camera.
   template <class Counts>
-  void add_ball(const Vec3d& centre, double reach, const Counts& counts) {
+  void add_ball(const Vec3d& centre, double reach, int part, const Counts& counts) {
     const int side = grid_.side();
     for (int c = 0; c < grid_.cascades(); ++c) {
       const double w = static_cast<double>(grid_.cell_width(c));
@@ -84,7 +114,7 @@ class Witnesses {
             const double h = 0.5 * w;
             const Vec3d middle = grid_.cell_corner(cell, c).cast<double>() + Vec3d{h, h, h};
             const double farthest = length(middle - centre) + kHalfDiagonal * w;
-            if (farthest <= reach && counts(middle, farthest)) add(c, cell);
+            if (farthest <= reach && counts(middle, farthest)) add(c, cell, part);
           }
     }
   }
@@ -93,8 +123,11 @@ class Witnesses {
   size_t index(int cascade, int64_t cell) const {
     return static_cast<size_t>(cascade * grid_.cells() + cell);
   }
+  static constexpr uint8_t kOne = 1 << FilmParts::kMost, kTwo = 1 << (FilmParts::kMost + 1);
+  static constexpr auto kRelaxed = std::memory_order_relaxed;
   const OccupancyGrid& grid_;
-  std::vector<uint64_t> one_, two_;
+  const uint8_t all_parts_;
+  std::vector<uint8_t> of_;
 };
 
 // Whether the camera's picture shows the direction.
@@ -229,9 +262,10 @@ std::vector<double> near_of_views(const Scene& scene) {
 void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                            OccupancyGrid& grid) {
   if (!scene.unbounded || scene.observations.empty()) return;
-  Witnesses witnesses(grid);
   std::vector<uint8_t> trains(scene.views.size());
   for (const int v : scene.train) trains[static_cast<size_t>(v)] = 1;
+  const FilmParts parts(scene);
+  Witnesses witnesses(grid, parts.count());
 
   pool.parallel_for(static_cast<int64_t>(scene.observations.size()), [&](int64_t i) {
     const Observation& o = scene.observations[static_cast<size_t>(i)];
@@ -239,7 +273,7 @@ void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPoo
     if (!trains[v]) return;
     const Vec3d eye = scene.to_engine.apply(scene.views[v].pose.translation);
     const Vec3d p = scene.to_engine.apply(scene.points[static_cast<size_t>(o.point)].position);
-    witnesses.add_line(eye, eye + (p - eye) * kSightShare);
+    witnesses.add_line(eye, eye + (p - eye) * kSightShare, parts.of(scene.views[v]));
   });
 
   const std::vector<Nearness> near = nearness_of_views(scene);
@@ -248,7 +282,7 @@ void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPoo
     if (!trains[n.view]) return;
     const Pose pose = scene.to_engine.apply(scene.views[n.view].pose), to_camera = pose.inverse();
     witnesses.add_ball(pose.translation, kNearShareOfTwo * n.in_picture,
-                       [&](const Vec3d& middle, double farthest) {
+                       parts.of(scene.views[n.view]), [&](const Vec3d& middle, double farthest) {
                          return farthest <= kNearShareOfTwo * n.around ||
                                 shows(photos.cameras[n.view], to_camera * middle);
                        });
@@ -264,7 +298,7 @@ void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPoo
     };
     CellSet free(grid.side());
     each_cell(
-        [&](int x, int y, int z, int64_t cell) { free.at(x, y, z) = witnesses.two(c, cell); });
+        [&](int x, int y, int z, int64_t cell) { free.at(x, y, z) = witnesses.agree(c, cell); });
     // Gaps of a cell between lines close. Then the rim goes: a line past an edge crosses a cell
     // that the edge is in.
     free.spread(1);

@@ -22,7 +22,9 @@ std::vector<double> near_of_views(const Scene& scene);
 // lines of sight, from a training camera most of the way to a point it sees, and training cameras
 // that have the cell nearer than nine tenths of the way to their nearest points: in the picture, or
 // around the camera as far as no point is. Matter there is seen by no photo but would fog new
-// views. One witness may be wrong.
+// views. One witness may be wrong. Of a film there is one in each of six parts besides, since what
+// moves is seen through before it comes and after it has gone; not where one camera filmed on its
+// way.
 void switch_off_free_space(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                            OccupancyGrid& grid);
 

@@ -76,6 +76,33 @@ TEST(FreeSpace, TwoLinesOfSightEmptyACellAndOneDoesNot) {
   EXPECT_FALSE(off(grid, {0.011_r, 0.56_r, 0.013_r}));
 }
 
+TEST(FreeSpace, WhatIsEmptyAtSomeMomentsOnlyStays) {
+  Capture c(3, 0);
+  c.see_bundle(0);
+  c.see_bundle(1);
+  const Vec3 p{0.011_r, 0.1_r, 0.013_r};
+  EXPECT_TRUE(off(carved(c), p));
+  c.scene.views[1].time = 0.1;
+  EXPECT_TRUE(off(carved(c), p));  // a line of sight at either of two moments
+  c.scene.views[2].time = 1;       // and of none at the third
+  EXPECT_FALSE(off(carved(c), p));
+  c.see_bundle(2);
+  EXPECT_TRUE(off(carved(c), p));
+}
+
+TEST(FreeSpace, AllMomentsOfOneCameraOnItsWayAreOne) {
+  Capture c(12, 0.001);
+  for (size_t v = 0; v < c.scene.views.size(); ++v)
+    c.scene.views[v].time = static_cast<double>(v) / 11;
+  c.see_bundle(0);
+  c.see_bundle(1);
+  const Vec3 p{0.011_r, 0.1_r, 0.013_r};
+  EXPECT_TRUE(off(carved(c), p));
+  for (size_t v = 1; v < c.scene.views.size(); v += 2)
+    c.scene.views[v].pose.translation.x += 0.003;  // two cameras that take turns
+  EXPECT_FALSE(off(carved(c), p));
+}
+
 TEST(FreeSpace, CellsWithAPointAndTheirNeighboursStay) {
   Capture c(2, 0);
   for (const int v : {0, 1}) c.see_bundle(v);
