@@ -64,10 +64,10 @@ void look_at_motion(TrainCommand& command, const Scene& scene) {
   if (!reads_option(command.train.method, "deform")) return;
   resolve_motion(scene, motion);
   if (motion.deform != Deform::kNone)
-    log_info(fmt::format("motion        {}, of {} moments{}",
-                         motion.deform == Deform::kSe3 ? "se3" : "translation",
-                         count_moments(scene),
-                         offset_weight(motion, scene) > 0 ? ", little of what need not move" : ""));
+    log_info(fmt::format(
+        "motion        {}, of {} moments{}", motion.deform == Deform::kSe3 ? "se3" : "translation",
+        count_moments(scene),
+        offset_weight(motion, scene) > 0 ? ", matter held in place where it need not move" : ""));
 }
 
 }  // namespace nerf::apps

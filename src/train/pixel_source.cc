@@ -102,6 +102,7 @@ bool PixelSource::locate(Random& random, Pixel& out) const {
 
 bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {
   out.source = i;
+  out.masked = false;
   out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
   const auto within = [&](int size) {
     const int middle = std::max(1, static_cast<int>(share * size));
@@ -142,7 +143,7 @@ bool PixelSource::read(Pixel& out) const {
 }
 
 bool PixelSource::read_colour(Pixel& out) const {
-  const bool drawn = out.masked;
+  const bool drawn = out.masked;  // where it is
   out.masked = out.photo->masked_out(out.x, out.y);
   if (out.masked) {
     out.alpha = 0;

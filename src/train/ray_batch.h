@@ -38,7 +38,8 @@ class PixelSource {
     const Pose* pose = nullptr;  // camera-to-engine
     double along_axis = 1;       // depth of a ray's unit length
     double distance = 0;         // engine units, by the photo's depth map; 0: unknown
-    bool masked = false;         // transparent, and of no photo; see draw_masked()
+    // Transparent, and of no photo; see draw_masked(). Before read(): whether it may be.
+    bool masked = false;
 
     Vec2d centre() const { return {x + 0.5, y + 0.5}; }
   };
