@@ -97,8 +97,8 @@ struct TrainCommand {
     v("times", times,
       "when the photos were taken, in place of what the capture's files say: frame, in the order "
       "of their names in each folder (a video's by its own clock); name, by the last number in "
-      "their names; or a file {\"photo\": time}, in any unit",
-      metavar("frame|name|FILE.json"));
+      "their names; none, at one moment; or a file {\"photo\": time}, in any unit",
+      metavar("frame|name|none|FILE.json"));
     v("camera_model", camera_model, "lens model for photos without poses, COLMAP's name or auto");
     v("adjust_cameras", adjust_cameras,
       "before the training: lenses, poses and points of a COLMAP model are adjusted to its "

@@ -10,6 +10,7 @@
 #include "cut_out.h"
 #include "depth_file.h"
 #include "found_cameras.h"
+#include "moving_film.h"
 #include "nerf/base/file.h"
 #include "nerf/base/memory.h"
 #include "point_cloud.h"
@@ -189,9 +190,13 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
                 path.string(), "a scene needs images from several places, some 20 or more");
   }
   sort_views(input);
-  scene.times = internal::settle_times(input, scene.options, report);
-  const std::string& times = scene.options.times;
-  if (input.times && (times.empty() || (times == "frame" && input.times->on_request)))
+  SceneOptions asked = scene.options;
+  const bool is_film = input.times && input.times->on_request;
+  if (is_film && asked.times.empty() && internal::film_moves(input, report, progress, cancel))
+    asked.times = "frame";
+  scene.times = internal::settle_times(input, asked, report);
+  if (input.times &&
+      (asked.times.empty() || asked.times == "none" || (asked.times == "frame" && is_film)))
     scene.frame_interval = input.times->interval;
   scene.cameras = input.cameras;
   scene.cameras_adjusted = input.cameras_adjusted;

@@ -130,15 +130,16 @@ SceneInput::Times asked_times(SceneInput& input, const SceneOptions& options, Sc
 }  // namespace
 
 CaptureTimes settle_times(SceneInput& input, const SceneOptions& options, SceneReport& report) {
-  const bool asked = !options.times.empty();
-  const bool offered = input.times && input.times->on_request && !asked;
+  const bool refused = options.times == "none";
+  const bool asked = !options.times.empty() && !refused;
+  const bool offered = input.times && !asked && (refused || input.times->on_request);
   if (!asked && (!input.times || offered)) {
     if (!offered) give_clock_of_names(input.views);
     for (View& view : input.views) {
       if (offered) view.clock = view.time;
       view.time = 0;
     }
-    if (offered)
+    if (offered && !refused)
       report.notes.push_back("the frames of " + input.times->source +
                              " have times, and are taken as of one moment (--times frame: what "
                              "moves is learnt as moving)");
@@ -188,8 +189,10 @@ void describe_held_out(const Scene& scene, SceneReport& report) {
 namespace nerf {
 
 void check_times_option(const std::string& times) {
-  if (times.empty() || times == "frame" || times == "name" || times.ends_with(".json")) return;
-  const std::array<std::string, 3> known{"frame", "name", "FILE.json"};
+  if (times.empty() || times == "none" || times == "frame" || times == "name" ||
+      times.ends_with(".json"))
+    return;
+  const std::array<std::string, 4> known{"none", "frame", "name", "FILE.json"};
   throw Error(fmt::format("'{}' is neither a known word nor a .json file", times), "--times",
               nearest_name_hint(times, known));
 }

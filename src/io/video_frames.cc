@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 using Progress = std::function<void(const std::string&)>;
 
 constexpr size_t kFramesPerLine = 300;  // of progress
+constexpr size_t kMostTerms = 50;       // of one of ffmpeg's expressions
 
 // Of every frame how sharp it is, and how far the picture has moved since the one before.
 internal::GreyStream score_frames(const std::string& ffmpeg, const fs::path& video,
@@ -141,30 +142,38 @@ std::string tone_mapping(const std::string& ffmpeg, const fs::path& video, const
 
 void store_frames(const std::string& ffmpeg, const fs::path& video, const std::vector<int>& chosen,
                   const fs::path& folder, const Progress& progress, const Cancel* cancel) {
-  std::string filter = "select='";
-  for (size_t i = 0; i < chosen.size(); ++i) {
-    filter += fmt::format("{}eq(n,{})", i == 0 ? "" : "+", chosen[i]);
-  }
-  filter += "'";
-  filter += tone_mapping(ffmpeg, video, progress, cancel);
+  const std::string tones = tone_mapping(ffmpeg, video, progress, cancel);
   if (progress) progress(fmt::format("ffmpeg: storing the {} sharpest frames", chosen.size()));
-  // In a file: a long list of frames would not fit on a command line.
-  const fs::path script = folder.string() + ".filter";
-  write_file_atomically(script, filter);
+  std::vector<std::string> command{ffmpeg, "-nostdin", "-v", "error", "-i", video.string()};
+  // An output for each part of the frames: an expression of more than 100 terms is refused. In
+  // files: a long list of frames would not fit on a command line.
+  const fs::path scripts = folder.string() + ".filters";
+  make_writable_folder(scripts);
+  const auto remove_scripts = [&] {
+    std::error_code ignored;
+    fs::remove_all(scripts, ignored);
+  };
   ProcessOptions options;
   options.cancel = cancel;
   options.folder = folder;  // a % of its name would be taken for a pattern
   ProcessResult result;
   try {
-    result = run_process({ffmpeg, "-nostdin", "-v", "error", "-i", video.string(), "-map", "0:V:0",
-                          "-filter_script:v", script.string(), "-vsync", "0", "-q:v", "1", "-qmin",
-                          "1", "-f", "image2", "frame_%06d.jpg"},
-                         options);
+    for (size_t begin = 0; begin < chosen.size(); begin += kMostTerms) {
+      std::string filter;
+      for (size_t i = begin; i < std::min(chosen.size(), begin + kMostTerms); ++i)
+        filter += fmt::format("{}eq(n,{})", i == begin ? "" : "+", chosen[i]);
+      const std::string script = (scripts / std::to_string(begin)).string();
+      write_file_atomically(script, fmt::format("select='{}'{}", filter, tones));
+      command.insert(command.end(), {"-map", "0:V:0", "-filter_script:v", script, "-vsync", "0",
+                                     "-q:v", "1", "-qmin", "1", "-f", "image2", "-start_number",
+                                     std::to_string(begin + 1), "frame_%06d.jpg"});
+    }
+    result = run_process(command, options);
   } catch (...) {
-    fs::remove(script);
+    remove_scripts();
     throw;
   }
-  fs::remove(script);
+  remove_scripts();
   const auto stored = std::distance(fs::directory_iterator(folder), fs::directory_iterator());
   if (stored != static_cast<std::ptrdiff_t>(chosen.size())) {
     throw Error(fmt::format("ffmpeg stored {} of {} frames{}{}", stored, chosen.size(),

@@ -115,6 +115,8 @@ TEST(SceneTimes, OfTheFiles) {
   EXPECT_EQ(settle(input, "").unit.from_unit(12.5), 0.25);
   // Asked for otherwise.
   EXPECT_EQ(settle(input, "frame").times, (Times{0, 0.5, 1}));
+  EXPECT_EQ(settle(input, "none").times, (Times{0, 0, 0}));
+  EXPECT_EQ(settle(input, "none").report.times, "");
 }
 
 // A film's frames have times of its clock, which count where something is said to move.

@@ -89,9 +89,9 @@ struct SceneOptions {
   std::optional<Vec3d> up;          // input coordinates; overrides the estimate
   std::optional<double> near, far;  // input units; override the estimates
   // Where View::time comes from in place of the capture's files: "frame", the order of names in
-  // each folder (of a video, its own clock); "name", the last number in a photo's name; else a JSON
-  // file
-  // {"photo": time}. Empty: what the files say.
+  // each folder (of a video, its own clock); "name", the last number in a photo's name; "none": all
+  // photos are of one moment; else a JSON file {"photo": time}. Empty: what the files say, and of a
+  // video its clock where something moves.
   std::string times;
   std::string camera_model = "auto";  // for photos without a model (capture_tools.h)
   AdjustCameras adjust_cameras = AdjustCameras::kAuto;
