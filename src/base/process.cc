@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 
 constexpr int kPollMilliseconds = 50;
 constexpr auto kPatience = std::chrono::seconds(3);  // between SIGTERM and SIGKILL
-constexpr size_t kLongestLine = 1 << 16;
+constexpr size_t kLongestTold = 300, kLongestLine = 1 << 16;
 constexpr size_t kLinesKept = 5;
 
 struct Pipe {
@@ -74,7 +74,10 @@ class Lines {
   }
   std::string last() const {
     std::string text;
-    for (const std::string& line : last_) text += (text.empty() ? "" : " | ") + line;
+    for (const std::string& line : last_) {
+      text += (text.empty() ? "" : " | ") + line.substr(0, kLongestTold);
+      if (line.size() > kLongestTold) text += "...";
+    }
     return text;
   }
 

@@ -41,13 +41,16 @@ struct Attempt {
   std::string told = {};
 };
 
-std::vector<Attempt> attempts() {
+std::vector<Attempt> attempts(bool is_film) {
+  Attempt usual{"usual"}, eager{"usual", true, {}, {}, "weaker links between photos"};
+  // A frame shows what those before it show, and what few others do: where the camera comes back.
+  if (is_film) usual.pairs = eager.pairs = {30, 16, 20, 8};
   Attempt thorough{"thorough", true, {}, {}, "more features and more pairs of photos"};
   thorough.features.doubled_below = 1 << 20;
   thorough.features.longest_side = 1600;
   thorough.features.peak_threshold = 0.004;
   thorough.pairs = {400, 150, 50, 24};
-  return {{"usual"}, {"usual", true, {}, {}, "weaker links between photos"}, std::move(thorough)};
+  return {usual, eager, thorough};
 }
 
 // Runs in a folder of its own below the work folder, which keeps what is done when it is stopped.
@@ -81,7 +84,7 @@ MappedModel place_photos(const ColmapProgram& colmap, const CapturePhotos& photo
                          const Progress& progress, const Cancel* cancel) {
   const auto count = static_cast<double>(photos.photos.size());
   MappedModel best;
-  for (const Attempt& attempt : attempts()) {
+  for (const Attempt& attempt : attempts(search.is_film)) {
     if (!attempt.told.empty() && progress) {
       progress(fmt::format("colmap: placed {} of {} photos only; trying again with {}", best.photos,
                            photos.photos.size(), attempt.told));
@@ -140,7 +143,7 @@ fs::path run_colmap_on_photos(const fs::path& images, const CaptureFolders& fold
 }
 
 std::string internal::CameraSearch::text() const {
-  return lenses_are_known ? camera_model + ", known" : camera_model;
+  return camera_model + (lenses_are_known ? ", known" : "") + (is_film ? ", film" : "");
 }
 
 fs::path internal::find_cameras(const fs::path& images, const CaptureFolders& folders,

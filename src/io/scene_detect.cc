@@ -7,6 +7,7 @@
 #include <set>
 
 #include "io/cameras/capture_photos.h"
+#include "io/cameras/find_cameras.h"
 #include "lenient_json.h"
 #include "nerf/io/capture_tools.h"
 #include "panoramas.h"
@@ -153,7 +154,8 @@ fs::path work_folder(const SceneOptions& options) {
               "name a folder for the run, COLMAP's model is written there");
 }
 
-SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const CaptureRun& run) {
+SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, bool is_film,
+                       const CaptureRun& run) {
   check_camera_model(run.options.camera_model);
   if (is_folder(photos / "masks")) {
     throw Error("photos and masks/ are in one folder, and COLMAP would take masks for photos",
@@ -169,8 +171,8 @@ SceneInput read_photos(const fs::path& photos, const fs::path& mask_root, const 
   } else {
     std::vector<std::string> notes;
     const fs::path prepared = prepared_photos(photos, folders, run.progress, run.cancel, notes);
-    input = read_colmap_scene(run_colmap_on_photos(prepared, folders, run.options.camera_model,
-                                                   run.progress, run.cancel));
+    const CameraSearch search{.camera_model = run.options.camera_model, .is_film = is_film};
+    input = read_colmap_scene(find_cameras(prepared, folders, search, run.progress, run.cancel));
     input.notes.insert(input.notes.begin(), notes.begin(), notes.end());
     input.images_total = std::max(static_cast<int>(input.views.size()),
                                   static_cast<int>(capture_photo_names(prepared, folders).size()));
@@ -264,13 +266,13 @@ SceneInput read_scene_input(const fs::path& path, SceneFormat format, const Capt
     case SceneFormat::kNonrigid:
       return read_nonrigid_scene(path);
     case SceneFormat::kPhotos:
-      return read_photos(photo_folder(path), path, run);
+      return read_photos(photo_folder(path), path, false, run);
     case SceneFormat::kVideo: {
       const std::vector<fs::path> videos = folder ? videos_in(path) : std::vector{path};
       const fs::path& video = videos.front();
       const fs::path frames = extract_video_frames(video, work_folder(run.options), kMaxVideoFrames,
                                                    run.progress, run.cancel);
-      SceneInput input = read_photos(frames, frames.parent_path(), run);
+      SceneInput input = read_photos(frames, frames.parent_path(), true, run);
       give_film_times(frames.parent_path() / kFrameTimes, video, input);
       input.format = "video " + video.filename().string() + ", " + input.format;
       for (size_t i = 1; i < videos.size(); ++i)

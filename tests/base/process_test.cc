@@ -96,6 +96,12 @@ TEST(Process, ExitCodesAndSignals) {
   EXPECT_THROW(run_process({"sh", "-c", "kill -INT $$"}), Cancelled);
 }
 
+// ffmpeg repeats a filter of thousands of characters in its errors.
+TEST(Process, LongLinesAreToldInPart) {
+  const std::string told = run_process({"sh", "-c", "printf '%01000d\\nend\\n' 7"}).last_lines;
+  EXPECT_EQ(told, std::string(300, '0') + "... | end");
+}
+
 TEST(Process, FailureSaysWhatTheProgramSaidLast) {
   const std::string error =
       error_of([] { run_process_or_throw({"sh", "-c", "seq 20; exit 3"}, {}, "try again"); });

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <fstream>
 
+#include "io/cameras/find_cameras.h"
 #include "io/cameras/made_database.h"
 #include "io/colmap.h"
 #include "io/scene_input.h"
@@ -204,6 +205,23 @@ TEST_F(CaptureTools, OfManyPhotosLikelyPairsAreMatched) {
   run();
   EXPECT_TRUE(told("of 12720 pairs of photos may show the same things"));
   EXPECT_FALSE(told("12720 of 12720"));
+}
+
+// 60 frames are 1770 pairs.
+TEST_F(CaptureTools, OfAFilmFewerPairsAreMatched) {
+  const fs::path first = folder_ / "photos" / "p0.jpg";
+  for (int i = 0; i < 57; ++i) fs::copy(first, folder_ / "photos" / (std::to_string(i) + ".jpg"));
+  set("STANDIN_PLACED", "074");
+  run();
+  EXPECT_TRUE(told("matched 1770 of 1770"));
+  fs::remove_all(folder_ / "work");
+  lines_.clear();
+  const internal::CameraSearch film{.camera_model = camera_model_, .is_film = true};
+  internal::find_cameras(
+      folder_ / "photos", {folder_ / "work", folder_ / "run"}, film,
+      [this](const std::string& line) { lines_.push_back(line); }, nullptr);
+  EXPECT_TRUE(told("of 1770 pairs of photos may show the same things"));
+  EXPECT_FALSE(told("matched 1770 of 1770"));
 }
 
 TEST_F(CaptureTools, StagesThatWereDoneAreNotDoneAgain) {

@@ -41,14 +41,17 @@ double wall_grey(double x, double y) {
          u * ((1 - v) * at(i + 1, j) + v * at(i + 1, j + 1));
 }
 
-// The camera goes 0.04 to the right from frame to frame, the square by `velocity`.
-SweepImage drawn(int frame, const Vec2d& velocity) {
+// The camera goes 0.04 to the right from frame to frame, the square by `velocity`. In the middle of
+// the film everything falls by `jump` pixels.
+SweepImage drawn(int frame, const Vec2d& velocity, int jump = 0) {
   SweepImage image{kWidth, kHeight, kFocal, {}, {}};
   const double eye = 0.04 * frame;
+  const int fall = 2 * frame < kFrames ? 0 : jump;
   image.to_engine.translation = {eye, 0, 0};
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) {
-      const double dx = (x + 0.5 - image.cx()) / kFocal, dy = (y + 0.5 - image.cy()) / kFocal;
+      const double dx = (x + 0.5 - image.cx()) / kFocal,
+                   dy = (y + 0.5 - fall - image.cy()) / kFocal;
       const double sx = eye + kSquare * dx - velocity.x * frame - 0.3;
       const double sy = kSquare * dy - velocity.y * frame;
       const bool on_square = std::abs(sx) < 0.5 && std::abs(sy) < 0.5;
@@ -58,9 +61,9 @@ SweepImage drawn(int frame, const Vec2d& velocity) {
   return image;
 }
 
-CornerTracks tracks_of(const Vec2d& velocity, int threads = 1) {
+CornerTracks tracks_of(const Vec2d& velocity, int threads = 1, int jump = 0) {
   std::vector<SweepImage> frames;
-  for (int i = 0; i < kFrames; ++i) frames.push_back(drawn(i, velocity));
+  for (int i = 0; i < kFrames; ++i) frames.push_back(drawn(i, velocity, jump));
   ThreadPool pool(threads);
   return follow_corners(frames, pool);
 }
@@ -83,6 +86,13 @@ TEST(CornerTracks, ASquareThatMovesAcrossIsFoundMoving) {
     EXPECT_EQ(one.followed, found.followed);
     EXPECT_EQ(one.moving, found.moving);
   }
+}
+
+// As where a corner is taken for the next one of a pattern.
+TEST(CornerTracks, AJumpIsNoMotion) {
+  const CornerTracks found = tracks_of({0, 0}, 1, 10);
+  EXPECT_GT(found.followed, 500);
+  EXPECT_LE(found.moving, found.followed / 100);
 }
 
 // It looks like one that stands still at another depth.

@@ -11,11 +11,12 @@
 namespace nerf::internal {
 
 struct CameraSearch {
-  std::string camera_model;       // see run_colmap_on_photos()
+  std::string camera_model = {};  // see run_colmap_on_photos()
   bool lenses_are_known = false;  // as the photos' EXIF says, exactly: nothing is left to adjust
+  bool is_film = false;           // the photos' names are in the order of a film's frames
   // Share of the capture that a model in a folder places, where that is not the share of photos.
   // Below nine tenths other settings are tried.
-  std::function<double(const std::filesystem::path& model)> placed;
+  std::function<double(const std::filesystem::path& model)> placed = {};
 
   std::string text() const;  // for keys
 };
