@@ -29,7 +29,7 @@ struct SceneInput {
   struct Times {
     std::string source = {};  // CaptureTimes::source
     bool seconds = false;
-    bool on_request = false;  // used where SceneOptions::times asks for it: most videos stand still
+    bool on_request = false;  // used where something moves (moving_film.h) or SceneOptions asks
     double interval = 0;      // between the film's own frames, of which the views are some; 0: ?
   };
   std::optional<Times> times;

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <iterator>
 #include <map>
-#include <set>
 
 #include "nerf/base/error.h"
 #include "train/free_space.h"
@@ -41,12 +40,6 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, double sigh
   }
   if (pixels_before_.back() == 0) throw Error("no photo to train on", scene.root.string());
   mean_weight_ = weight / static_cast<double>(pixels_before_.back());
-  const std::set<Real> moments(times_.begin(), times_.end());
-  for (const Real time : times_) {
-    const auto at = moments.find(time), next = std::next(at);
-    stretches_.push_back({at == moments.begin() ? time : 0.5_r * (*std::prev(at) + time),
-                          next == moments.end() ? time : 0.5_r * (time + *next)});
-  }
   const auto keeps_any = [&](int v) {
     const Photo& photo = photos.photos[static_cast<size_t>(v)];
     return photo.mask.empty() || std::ranges::any_of(photo.mask, [](uint8_t m) { return m != 0; });
@@ -54,11 +47,6 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, double sigh
   if (std::ranges::none_of(views_, keeps_any))
     throw Error("the masks leave no pixel to train on", scene.root.string(),
                 "values of 128 and more keep a pixel: are the masks inverted?");
-}
-
-Real PixelSource::time_near(size_t i, Real u) const {
-  const Stretch& s = stretches_[i];
-  return s.begin + u * (s.end - s.begin);
 }
 
 bool PixelSource::draw(Random& random, Pixel& out) const {

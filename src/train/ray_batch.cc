@@ -101,9 +101,6 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
     Random& random = randoms[static_cast<size_t>(i)];
     PixelSource::Pixel& pixel = pixels[i];
     record.valid = true;
-    // No time between two moments is without photos.
-    if (given.empty() && !field_.motion.empty())
-      pixel.ray.time = source_.time_near(pixel.source, random.uniform());
     if (given.empty() && !pixel.masked) {
       record.source = static_cast<int32_t>(pixel.source);
       record.share = line_share(*pixel.camera, pixel.centre());

@@ -56,9 +56,6 @@ class PixelSource {
   const std::vector<std::string>& files() const { return file_names_; }
   int file_of(size_t i) const { return files_[i]; }
   Real time_of(size_t i) const { return times_[i]; }  // Ray::time
-  // A time, for u in [0, 1], of those that the i-th training photo is nearest to: from halfway to
-  // the moment before its own to halfway to the next. The first and the last moment end the film.
-  Real time_near(size_t i, Real u) const;
   // Of the i-th training photo: camera-to-engine, and the camera at the photo's size, its motion in
   // engine units. They begin as the scene's, without motion.
   const Pose& pose_of(size_t i) const { return poses_[i]; }
@@ -94,10 +91,6 @@ class PixelSource {
   Real masked_share_ = 0;     // see draw_masked()
   std::vector<double> near_;  // engine units; no sample closer to the camera
   std::vector<Real> times_;   // see Ray::time
-  struct Stretch {
-    Real begin, end;
-  };
-  std::vector<Stretch> stretches_;  // see time_near()
 };
 
 // Where a step's samples lie on which ray, for what moves the rays.

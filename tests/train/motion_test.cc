@@ -298,28 +298,6 @@ TEST(Motion, MatterIsHeldInPlaceWhereOneCameraFilmedOnItsWay) {
   EXPECT_FALSE(filmed_on_the_way(c.scene));
 }
 
-// What lies between two moments is learnt from the photos of both.
-TEST(Motion, RaysAreOfTimesNearTheirPhotos) {
-  const auto c = moving_sphere(5, 16);
-  ThreadPool pool(2);
-  Trainer trainer(c.scene, c.photos, moving_options(1), pool);
-  GridTrainer& t = grid_of(trainer);
-  t.draw();
-  int rays = 0, between = 0;
-  for (int chunk = 0; chunk < t.batch.chunks; ++chunk)
-    for (int r = 0; r < t.batch.rays[static_cast<size_t>(chunk)]; ++r, ++rays) {
-      const size_t at = static_cast<size_t>(chunk * kChunkRays + r);
-      const auto time_of = [&](int view) { return c.scene.views[static_cast<size_t>(view)].time; };
-      const double own = time_of(c.scene.train[static_cast<size_t>(t.batch.photo[at])]);
-      const double time = static_cast<double>(t.batch.time[at]);
-      for (const int view : c.scene.train)
-        EXPECT_LE(std::abs(time - own), std::abs(time - time_of(view)) + 1e-6);
-      between += std::abs(time - own) > 0.01;
-    }
-  ASSERT_GT(rays, 100);
-  EXPECT_GT(between, rays / 2);
-}
-
 // Held-out photos are of moments between the others.
 TEST(Motion, AMovingSphereIsSharp) {
   const auto c = moving_sphere(24, 32);

@@ -38,26 +38,6 @@ TEST(RayBatch, KeepsThePointsOfTheSamplesThatLearn) {
     }
 }
 
-// Each photo stands for the times that are nearest to its own; two are of one moment.
-TEST(PixelSource, TimesNearAPhotoEndHalfwayToItsNeighbours) {
-  test::SyntheticCapture c = test::sphere_capture(4, 8);
-  c.scene.train = {0, 1, 2, 3};
-  const double times[] = {1, 0.25, 0, 0.25};
-  for (size_t i = 0; i < 4; ++i) c.scene.views[i].time = times[i];
-  const PixelSource source(c.scene, c.photos);
-  ASSERT_EQ(source.photos(), 4u);
-  const Real begin[] = {0.625_r, 0.125_r, 0, 0.125_r}, end[] = {1, 0.625_r, 0.125_r, 0.625_r};
-  for (size_t i = 0; i < 4; ++i) {
-    EXPECT_EQ(source.time_near(i, 0), begin[i]) << i;
-    EXPECT_EQ(source.time_near(i, 1), end[i]) << i;
-    EXPECT_EQ(source.time_near(i, 0.5_r), 0.5_r * (begin[i] + end[i])) << i;
-  }
-  for (View& view : c.scene.views) view.time = 0.5;
-  const PixelSource still(c.scene, c.photos);
-  EXPECT_EQ(still.time_near(2, 0), 0.5_r);
-  EXPECT_EQ(still.time_near(2, 1), 0.5_r);
-}
-
 // Of a panorama and an ordinary photo of as many pixels: the panorama's caps above 60 degrees are a
 // third of its rows and 1 - sin(60) of its sphere, and all of it is 2 / pi of its pixels.
 TEST(PixelSource, DrawsPanoramasBySolidAngle) {
