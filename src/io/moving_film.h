@@ -9,9 +9,9 @@
 
 namespace nerf::internal {
 
-// Of input's views, frames of a film with times and cameras: whether 6 % of the corners that can be
-// followed, and of 200 at least, are of no point that stands still (corner_tracks.h). Measured: 11
-// % where a hand moves among books, 40 % where things turn and open, 3 % of a room with a shiny
+// Of input's views, frames of a film with times and cameras: whether at least 200 corners can be
+// followed, and at least 6 % of them are of no point that stands still (corner_tracks.h). Measured:
+// 11 % where a hand moves among books, 40 % where things turn and open, 3 % of a room with a shiny
 // table that stands still. Says in `report` what it found. Throws Error where a frame cannot be
 // read; Cancelled.
 bool film_moves(const SceneInput& input, SceneReport& report,

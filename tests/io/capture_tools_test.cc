@@ -1,10 +1,9 @@
-// Photos to a model: with a stand-in for colmap that plays its part, and once with the real one.
+// Photos to a model, with a stand-in for colmap that plays its part.
 #include "nerf/io/capture_tools.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <fstream>
 
@@ -109,6 +108,10 @@ class CaptureTools : public ::testing::Test {
     fs::create_directories((folder_ / "photos" / name).parent_path());
     make_image(folder_ / "photos" / name, {width, 24, 3, OIIO::TypeDesc::UINT8, {}}, texture);
   }
+  void copy_photos(int count) {  // beside the three that are there
+    for (int i = 0; i < count; ++i)
+      fs::copy(folder_ / "photos" / "p0.jpg", folder_ / "photos" / (std::to_string(i) + ".jpg"));
+  }
   fs::path run(const Cancel* cancel = nullptr) {
     lines_.clear();
     make_database(folder_ / "photos");
@@ -199,8 +202,7 @@ TEST_F(CaptureTools, LensModelsFollowTheNumberOfPhotos) {
 
 // 160 photos are 12,720 pairs.
 TEST_F(CaptureTools, OfManyPhotosLikelyPairsAreMatched) {
-  const fs::path first = folder_ / "photos" / "p0.jpg";
-  for (int i = 0; i < 157; ++i) fs::copy(first, folder_ / "photos" / (std::to_string(i) + ".jpg"));
+  copy_photos(157);
   set("STANDIN_PLACED", "240");
   run();
   EXPECT_TRUE(told("of 12720 pairs of photos may show the same things"));
@@ -209,8 +211,7 @@ TEST_F(CaptureTools, OfManyPhotosLikelyPairsAreMatched) {
 
 // 60 frames are 1770 pairs.
 TEST_F(CaptureTools, OfAFilmFewerPairsAreMatched) {
-  const fs::path first = folder_ / "photos" / "p0.jpg";
-  for (int i = 0; i < 57; ++i) fs::copy(first, folder_ / "photos" / (std::to_string(i) + ".jpg"));
+  copy_photos(57);
   set("STANDIN_PLACED", "074");
   run();
   EXPECT_TRUE(told("matched 1770 of 1770"));
@@ -368,49 +369,6 @@ TEST_F(CaptureTools, MissingColmapIsAnErrorWithItsCommand) {
   const std::string error = error_of([&] { run(); });
   EXPECT_TRUE(contains(error, "the program colmap is not installed"));
   EXPECT_TRUE(contains(error, "sudo apt-get install colmap"));
-}
-
-// A room's corner with paint on its walls, seen from a row of places.
-float corner(double camera_x, int px, int py, int c) {
-  const double dx = (px - 159.5) / 280, dy = (py - 119.5) / 280;
-  // Walls x = 3, y = 1 (floor), z = 4 of camera axes moved along x; the nearest that is hit.
-  double t = 4;
-  if (dx > 0) t = std::min(t, (3 - camera_x) / dx);
-  if (dy > 0) t = std::min(t, 1 / dy);
-  const double x = camera_x + t * dx, y = t * dy, z = t;
-  const auto cell = [&](double scale) {
-    auto h = static_cast<uint32_t>(std::floor(x * scale) * 73856093 + 4e8) ^
-             static_cast<uint32_t>(std::floor(y * scale) * 19349663 + 4e8) ^
-             static_cast<uint32_t>(std::floor(z * scale) * 83492791);
-    h = (h ^ h >> 15) * 2246822519u + static_cast<uint32_t>(c) * 17;
-    return static_cast<double>((h ^ h >> 13) & 255) / 255;
-  };
-  return static_cast<float>(0.6 * cell(6.01) + 0.4 * cell(17.03));
-}
-
-TEST(RealColmap, PlacesPhotosOfAMadeUpRoom) {
-  ASSERT_TRUE(find_program("colmap")) << "scripts/install-deps installs it";
-  const TempFolder folder;
-  fs::create_directory(folder / "photos");
-  for (int i = 0; i < 6; ++i) {
-    make_image(folder / "photos" / ("v" + std::to_string(i) + ".png"),
-               {320, 240, 3, OIIO::TypeDesc::UINT8, {}},
-               [&](int x, int y, int c) { return corner(-1 + 0.4 * i, x, y, c); });
-  }
-  std::vector<std::string> lines;
-  const fs::path model =
-      run_colmap_on_photos(folder / "photos", {folder / "work", {}}, "SIMPLE_PINHOLE",
-                           [&](const std::string& line) { lines.push_back(line); });
-  for (const char* file : {"cameras.bin", "images.bin", "points3D.bin"}) {
-    EXPECT_TRUE(fs::is_regular_file(model / "sparse" / "0" / file)) << file;
-  }
-  // Lines of each step: the stand-in above speaks as the real one does.
-  std::string all;
-  for (const std::string& line : lines) all += line + "\n";
-  EXPECT_TRUE(contains(all, "looked for features in 1 of 6 photos"));
-  EXPECT_TRUE(contains(all, "matched 15 of 15 pairs"));
-  EXPECT_TRUE(contains(all, "verified matches, 1 of 1 blocks"));
-  EXPECT_TRUE(contains(all, "colmap: placed 6 of 6 photos"));
 }
 
 }  // namespace
