@@ -60,7 +60,7 @@ Scene read_scene(const TrainCommand& command, const ThreadPool& pool, const Sign
                             needed >> 20, limit >> 20),
                 command.scene.string(),
                 fmt::format("use --downscale {}, a smaller --grid-log2-entries, or more memory",
-                            2 * command.downscale));
+                            2 * scene.options.downscale));
   return scene;
 }
 

@@ -51,7 +51,7 @@ struct TrainCommand {
   SceneFormat format = SceneFormat::kAuto;
   SplitChoice split = SplitChoice::kTest;
   Holdout holdout = Holdout::kSplit;
-  int downscale = 1;
+  int downscale = 0;
   int scales = 1;
   std::optional<Box3> bbox;
   std::optional<Vec3d> up;
@@ -82,8 +82,10 @@ struct TrainCommand {
       "altogether and every 8th of the others is held out, for tuning");
     v("holdout", holdout, "none trains on every photo and measures nothing",
       brief("none trains on every photo and measures nothing"));
-    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64),
-      brief("divides the photos' size"));
+    v("downscale", downscale,
+      "divides the photos' size; 0: by what leaves their longest side 2048 pixels or less (a "
+      "panorama's 8192)",
+      at_least(0), at_most(64), brief("divides the photos' size; 0: to 2048 pixels or less"));
     v("scales", scales,
       "sizes of every photo that are measured, each half of the one before, and trained on where "
       "the method sees how wide a pixel is; a pixel weighs its area",
@@ -103,8 +105,9 @@ struct TrainCommand {
     v("adjust_cameras", adjust_cameras,
       "before the training: lenses, poses and points of a COLMAP model are adjusted to its "
       "keypoints; auto: where these are more than 2 pixels off in the median (a thousandth of "
-      "large photos' longest side), or one lens explains photos that have one each; on: also where "
-      "they fit, and cameras of captures without keypoints are found anew, which takes colmap and "
+      "large photos' longest side), or one lens explains photos that have one each; cameras of a "
+      "model that takes two sides of a thing for one are found anew; on: also where they fit, and "
+      "cameras of captures without keypoints are found anew, which takes colmap and "
       "minutes");
     v("cut_out", cut_out,
       "what to do about photos without alpha whose background was cut out to one colour: auto "

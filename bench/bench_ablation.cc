@@ -29,7 +29,7 @@ struct AblationOptions {
   double minutes = 4;
   int64_t steps = 0;
   SplitChoice split = SplitChoice::kDev;
-  int downscale = 1;
+  int downscale = 0;
   uint64_t seed = 1;
   int threads = 0;
   std::string with;
@@ -46,7 +46,8 @@ struct AblationOptions {
     v("minutes", minutes, "length of each training", above(0));
     v("steps", steps, "length in steps instead; 0: --minutes", at_least(0));
     v("split", split, "dev, or test for final figures");
-    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
+    v("downscale", downscale, "divides the photos' size; 0: as nerf_train does", at_least(0),
+      at_most(64));
     v("seed", seed, "of every random number");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
     v("with", with,

@@ -28,7 +28,7 @@ struct SceneBenchOptions {
   fs::path out = "runs/bench";
   std::string minutes = "2,6,15";
   std::string seeds = "1,2,3";
-  int downscale = 1;
+  int downscale = 0;
   SplitChoice split = SplitChoice::kTest;
   int threads = 0;
   double scaling_minutes = 0.5;
@@ -41,7 +41,8 @@ struct SceneBenchOptions {
     v("out", out, "folder for the runs and quality.csv", short_name('o'));
     v("minutes", minutes, "budgets, separated by commas: one row each");
     v("seeds", seeds, "seeds, separated by commas: a row shows the median");
-    v("downscale", downscale, "divides the photos' size", at_least(1), at_most(64));
+    v("downscale", downscale, "divides the photos' size; 0: as nerf_train does", at_least(0),
+      at_most(64));
     v("split", split, "test, or dev for tuning");
     v("threads", threads, "threads; 0 takes all processors", at_least(0), at_most(1024));
     v("scaling_minutes", scaling_minutes,
@@ -99,7 +100,7 @@ class SceneBench {
                                           split_name(),
                                           "--threads",
                                           std::to_string(threads)};
-    if (options_.downscale > 1)
+    if (options_.downscale > 0)
       arguments.insert(arguments.end(), {"--downscale", std::to_string(options_.downscale)});
     const ChildTraining child = train_in_child(std::move(arguments), options_.out / name);
     for (const Json& j : child.evaluations)

@@ -23,7 +23,7 @@ std::vector<std::string> training_arguments(const std::filesystem::path& scene, 
                                   "0",
                                   "--checkpoint-every",
                                   "0"};
-  if (downscale > 1) out.insert(out.end(), {"--downscale", std::to_string(downscale)});
+  if (downscale > 0) out.insert(out.end(), {"--downscale", std::to_string(downscale)});
   return out;
 }
 

@@ -26,7 +26,7 @@ struct ErrorBenchOptions {
   std::string widths = "16,32,64,128";
   int64_t steps = 1000;
   SplitChoice split = SplitChoice::kDev;
-  int downscale = 1;
+  int downscale = 0;
   int views = 4;
   int repeats = 3;
   uint64_t seed = 1;
@@ -53,7 +53,8 @@ struct ErrorBenchOptions {
     v("widths", widths, "width: widths of the networks, separated by commas");
     v("steps", steps, "width and switches: steps of each training", at_least(1));
     v("split", split, "training, width and switches: dev, or test for final figures");
-    v("downscale", downscale, "training, width and switches: divides the photos' size", at_least(1),
+    v("downscale", downscale,
+      "training, width and switches: divides the photos' size; 0: as nerf_train does", at_least(0),
       at_most(64));
     v("views", views, "skips: held-out views, spread evenly; 0: all", at_least(0));
     v("repeats", repeats, "skips: renderings of each view, whose median time counts", at_least(1));

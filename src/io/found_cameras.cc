@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <vector>
 
 #include "io/cameras/find_cameras.h"
@@ -22,7 +23,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kRounds = 30;  // of the reweighting
+constexpr int kRounds = 30;     // of the reweighting
+constexpr size_t kStarts = 50;  // cameras whose own rotation is tried first
 // Of the squares of places, below which cameras stand in one: a thousandth of a millimetre in ten
 // metres would be a hundred times as much.
 constexpr double kRounding = 1e-16;
@@ -48,10 +50,28 @@ std::vector<double> weights_of(const std::vector<double>& distances) {
   return weights;
 }
 
-Mat3d rotation_between(std::span<const Pose> from, std::span<const Pose> to) {
+struct RotationFit {
   Mat3d rotation;
-  std::vector<double> weights(from.size(), 1.0);
+  std::vector<double> angles;  // that each camera is off by
+
+  RotationFit(const Mat3d& r, std::span<const Pose> from, std::span<const Pose> to) : rotation(r) {
+    for (size_t i = 0; i < from.size(); ++i)
+      angles.push_back(rotation_angle(rotation * from[i].rotation, to[i].rotation));
+  }
+  double sum() const { return std::accumulate(angles.begin(), angles.end(), 0.0); }
+};
+
+RotationFit rotation_between(std::span<const Pose> from, std::span<const Pose> to) {
+  // Begins with what one camera says: halves that contradict each other have a mean that is
+  // neither.
+  std::optional<RotationFit> best;
+  const size_t step = std::max<size_t>(1, from.size() / kStarts);
+  for (size_t k = 0; k < from.size(); k += step) {
+    RotationFit fit(to[k].rotation * from[k].rotation.transposed(), from, to);
+    if (!best || fit.sum() < best->sum()) best = std::move(fit);
+  }
   for (int round = 0; round < kRounds; ++round) {
+    const std::vector<double> weights = weights_of(best->angles);
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
     for (size_t i = 0; i < from.size(); ++i) {
       const Mat3d turn = to[i].rotation * from[i].rotation.transposed();
@@ -59,13 +79,9 @@ Mat3d rotation_between(std::span<const Pose> from, std::span<const Pose> to) {
         for (int c = 0; c < 3; ++c)
           sum(r, c) += weights[i] * turn.m[static_cast<size_t>(r)][static_cast<size_t>(c)];
     }
-    rotation = nearest_rotation(sum);
-    std::vector<double> angles;
-    for (size_t i = 0; i < from.size(); ++i)
-      angles.push_back(rotation_angle(rotation * from[i].rotation, to[i].rotation));
-    weights = weights_of(angles);
+    best.emplace(nearest_rotation(sum), from, to);
   }
-  return rotation;
+  return *best;
 }
 
 // What a person wants to know of how wrong the given cameras were.
@@ -79,12 +95,13 @@ struct Apart {
   }
 };
 
-// The photos under their views' indices, whatever names they have, in a folder for each camera;
-// where nearly each view has a camera of its own in one.
-fs::path link_photos(const SceneInput& input, const fs::path& folder) {
+}  // namespace
+
+void link_photos(const SceneInput& input, const std::vector<size_t>& which,
+                 const fs::path& folder) {
   StagedFolder staged(folder);
   const bool together = 2 * input.cameras.size() > input.views.size();
-  for (size_t v = 0; v < input.views.size(); ++v) {
+  for (const size_t v : which) {
     const View& view = input.views[v];
     const fs::path of_camera = staged.path() / std::to_string(together ? 0 : view.camera);
     fs::create_directories(of_camera);
@@ -92,17 +109,18 @@ fs::path link_photos(const SceneInput& input, const fs::path& folder) {
                        of_camera / fmt::format("{:06}{}", v, lower_extension(view.image_path)));
   }
   staged.commit("");
-  return folder;
 }
 
-}  // namespace
+size_t linked_view(const std::string& name) { return std::stoul(fs::path(name).stem()); }
 
 std::optional<Similarity> similarity_between(std::span<const Pose> from, std::span<const Pose> to) {
   NERF_CHECK_EQ(from.size(), to.size());
   if (from.size() < 3) return std::nullopt;
+  const RotationFit turned = rotation_between(from, to);
   Similarity best;
-  best.rotation = rotation_between(from, to);
-  std::vector<double> weights(from.size(), 1.0);
+  best.rotation = turned.rotation;
+  // Cameras that look elsewhere stand elsewhere, too.
+  std::vector<double> weights = weights_of(turned.angles);
   for (int round = 0; round < kRounds; ++round) {
     Vec3d from_middle, to_middle;
     double all = 0;
@@ -209,7 +227,10 @@ bool find_cameras_anew(SceneInput& input, const SceneOptions& options,
         is_fisheye && camera_model_name(camera.model).find("FISHEYE") != std::string_view::npos;
   }
   const CaptureFolders folders{options.work_folder, options.run_folder};
-  const fs::path photos = link_photos(input, options.work_folder / "given");
+  const fs::path photos = options.work_folder / "given";
+  std::vector<size_t> all(input.views.size());
+  std::iota(all.begin(), all.end(), size_t{0});
+  link_photos(input, all, photos);
   std::vector<std::string> notes;
   check_camera_model(options.camera_model);
   CameraSearch search;
@@ -221,7 +242,7 @@ bool find_cameras_anew(SceneInput& input, const SceneOptions& options,
                                      folders, search, progress, cancel));
   input.notes.insert(input.notes.end(), notes.begin(), notes.end());
   std::vector<size_t> view_of;
-  for (const View& view : found.views) view_of.push_back(std::stoul(fs::path(view.name).stem()));
+  for (const View& view : found.views) view_of.push_back(linked_view(view.name));
   return take_found_cameras(found, view_of, input);
 }
 

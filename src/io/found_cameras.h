@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "nerf/base/cancel.h"
 #include "scene_input.h"
@@ -25,6 +26,13 @@ std::optional<Similarity> similarity_between(std::span<const Pose> from, std::sp
 // found.
 bool take_found_cameras(const SceneInput& found, const std::vector<size_t>& view_of,
                         SceneInput& input);
+
+// These views' photos in `folder`, under the views' indices whatever names they have, in a folder
+// for each camera; where nearly each view has a camera of its own in one.
+void link_photos(const SceneInput& input, const std::vector<size_t>& which,
+                 const std::filesystem::path& folder);
+// Of the name of a photo that was linked, the view.
+size_t linked_view(const std::string& name);
 
 // Has colmap find the cameras of input's photos below options.work_folder (capture_tools.h), which
 // takes minutes, and takes them as above. Throws Error: no work folder, and as

@@ -9,6 +9,7 @@
 
 #include "cut_out.h"
 #include "depth_file.h"
+#include "folded_model.h"
 #include "found_cameras.h"
 #include "moving_film.h"
 #include "nerf/base/file.h"
@@ -147,9 +148,9 @@ double mean_error(const std::vector<ScenePoint>& points) {
 
 Scene load_scene(const std::filesystem::path& given, const SceneOptions& options,
                  const std::function<void(const std::string&)>& progress, const Cancel* cancel) {
-  if (options.downscale < 1) {
+  if (options.downscale < 0) {
     throw Error(fmt::format("--downscale {} makes no sense", options.downscale), "",
-                "give a whole number from 1");
+                "give a whole number from 0");
   }
   check_times_option(options.times);
   Scene scene;
@@ -171,16 +172,19 @@ Scene load_scene(const std::filesystem::path& given, const SceneOptions& options
   report.notes = std::move(input.notes);
   if (path != given) report.notes.insert(report.notes.begin(), "the scene is in " + path.string());
 
-  internal::resolve_images(input, options.downscale, report, &scene.alpha);
-  scene.cut_out =
-      internal::resolve_cut_out(input, options.cut_out, scene.alpha, options.downscale, report);
+  internal::resolve_images(input, scene.options.downscale, report, &scene.alpha);
+  scene.cut_out = internal::resolve_cut_out(input, options.cut_out, scene.alpha,
+                                            scene.options.downscale, report);
   scene.alpha = scene.alpha || scene.cut_out;
   internal::resolve_depths(input, report);
   internal::add_points_from_files(input, scene.root, report);
   const bool found = format == SceneFormat::kPhotos || format == SceneFormat::kVideo;
-  if (options.adjust_cameras == AdjustCameras::kOn && !input.keypoints && !found) {
+  if (options.adjust_cameras != AdjustCameras::kOff && !found) {
     input.notes.clear();
-    input.cameras_adjusted = internal::find_cameras_anew(input, options, progress, cancel);
+    if (input.keypoints)
+      input.cameras_adjusted |= internal::unfold(input, options, progress, cancel);
+    else if (options.adjust_cameras == AdjustCameras::kOn)
+      input.cameras_adjusted = internal::find_cameras_anew(input, options, progress, cancel);
     report.notes.insert(report.notes.end(), input.notes.begin(), input.notes.end());
   }
   internal::drop_far_cameras(input, report);

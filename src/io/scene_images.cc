@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 #include <set>
+#include <span>
 #include <tuple>
 
 #include "image_decode.h"
@@ -21,6 +22,9 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr size_t kNamesKept = 5;
+// Longest side of photos that are learnt as they are, where nobody says by how much they shrink:
+// what a field of some minutes resolves. A panorama shows four times the angle of a photo.
+constexpr int kLongestSide = 2048, kLongestPanorama = 4 * kLongestSide;
 
 void drop_missing(SceneInput& input, SceneReport& report) {
   std::vector<char> exists(input.views.size());
@@ -46,15 +50,41 @@ void drop_missing(SceneInput& input, SceneReport& report) {
   report.warnings.push_back(what);
 }
 
+// The smallest whole number by which the median photo comes below the longest side.
+int fitting_downscale(const SceneInput& input, std::span<const ImageInfo> infos,
+                      SceneReport& report) {
+  const auto times_too_long = [&](size_t i) {
+    const Camera& camera = input.cameras[static_cast<size_t>(input.views[i].camera)];
+    const int most = is_panorama(camera) ? kLongestPanorama : kLongestSide;
+    return (std::max(infos[i].width, infos[i].height) + most - 1) / most;
+  };
+  std::vector<std::pair<int, size_t>> factors;
+  for (size_t i = 0; i < infos.size(); ++i) factors.emplace_back(times_too_long(i), i);
+  if (factors.empty()) return 1;
+  const auto middle = factors.begin() + static_cast<std::ptrdiff_t>(factors.size() / 2);
+  std::nth_element(factors.begin(), middle, factors.end());
+  const auto [downscale, photo] = *middle;
+  if (downscale == 1) return 1;
+  const ImageInfo& info = infos[photo];
+  report.notes.push_back(
+      fmt::format("photos of {} x {} pixels are learnt at 1/{} of their size, {} x {} "
+                  "(--downscale 1: as they are)",
+                  info.width, info.height, downscale, downscaled(info.width, downscale),
+                  downscaled(info.height, downscale)));
+  return downscale;
+}
+
 // Cameras at the size of the images; only those that a view uses, each once. Counts images with an
 // alpha channel.
-int fit_cameras(SceneInput& input, int downscale, PhotoMemory& memory, SceneReport& report) {
+int fit_cameras(SceneInput& input, std::span<const ImageInfo> infos, int downscale,
+                PhotoMemory& memory, SceneReport& report) {
   int with_alpha = 0, turned = 0;
   std::vector<Camera> cameras;
   std::map<std::tuple<int, int, int>, int> index;
   std::vector<ShotTags> shots;
-  for (View& view : input.views) {
-    const ImageInfo info = read_image_info(view.image_path);
+  for (size_t i = 0; i < infos.size(); ++i) {
+    View& view = input.views[i];
+    const ImageInfo& info = infos[i];
     shots.push_back(info.shot);
     if (downscale > std::min(info.width, info.height)) {
       throw Error(fmt::format("--downscale {} leaves nothing of {} x {} pixels", downscale,
@@ -202,13 +232,16 @@ std::vector<std::string> list_images(const fs::path& folder) {
   return names;
 }
 
-void resolve_images(SceneInput& input, int downscale, SceneReport& report, bool* alpha) {
+void resolve_images(SceneInput& input, int& downscale, SceneReport& report, bool* alpha) {
   report.images_registered = static_cast<int>(input.views.size());
   report.images_total = std::max(input.images_total, report.images_registered);
   drop_missing(input, report);
   find_masks(input, report);
+  std::vector<ImageInfo> infos;
+  for (const View& view : input.views) infos.push_back(read_image_info(view.image_path));
+  if (downscale == 0) downscale = fitting_downscale(input, infos, report);
   PhotoMemory memory;
-  const int with_alpha = fit_cameras(input, downscale, memory, report);
+  const int with_alpha = fit_cameras(input, infos, downscale, memory, report);
   report.memory_estimate_bytes = memory.kept + memory.largest;
   *alpha = with_alpha > 0 && any_transparency(input);
   if (*alpha && with_alpha < static_cast<int>(input.views.size())) {

@@ -76,8 +76,9 @@ SceneInput read_nerfies_scene(const std::filesystem::path& root);
 
 // Looks at every view's image (its header) and mask: leaves out views without a file, scales
 // cameras to the size of the stored image, fills in the report's counts and the memory that photos
-// take. Sets *alpha. Throws Error: unreadable, transposed or cropped images, over half missing.
-void resolve_images(SceneInput& input, int downscale, SceneReport& report, bool* alpha);
+// take. Sets *alpha, and `downscale` where it is 0. Throws Error: unreadable, transposed or cropped
+// images, over half missing.
+void resolve_images(SceneInput& input, int& downscale, SceneReport& report, bool* alpha);
 
 bool is_image_file(const std::filesystem::path& path);
 // Image files below a folder, as clean names, sorted bytewise; empty where there is no such folder.

@@ -57,7 +57,7 @@ TEST_F(NerfTrain, ResumeChecksItsOptions) {
                  {"--minutes and --steps exclude each other"});
   expect_refused(resume({"--grid-levels", "5"}), "nerf_train",
                  {"begun with --grid-levels 4, not 5"});
-  expect_refused(resume({"--downscale", "2"}), "nerf_train", {"--downscale 1, not 2"});
+  expect_refused(resume({"--downscale", "2"}), "nerf_train", {"--downscale 0, not 2"});
   TempFolder other;
   test::write_blender_scene(other.path(), 7);
   const ProgramResult result = resume({other.path().string()});

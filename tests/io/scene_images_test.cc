@@ -139,5 +139,32 @@ TEST(LoadScene, DownscaleMustLeaveSomething) {
   EXPECT_TRUE(contains(load_error(folder.path(), options), "--downscale 31 leaves nothing"));
 }
 
+TEST(LoadScene, LargePhotosAreMadeSmallerUnlessSomebodySaysByHowMuch) {
+  TempFolder folder;
+  TestModel model = ring_model(5);
+  model.cameras[0].width = 1024;
+  model.cameras[0].height = 16;
+  write_capture(model, folder.path());
+  const auto make = [&](std::initializer_list<size_t> which, int width, int height) {
+    for (const size_t i : which)
+      write_picture(folder / "images" / model.images[i].name, width, height);
+  };
+  SceneOptions options;
+  options.downscale = 0;
+  const auto chosen = [&] { return load_scene(folder.path(), options).options.downscale; };
+  make({2, 3, 4}, 1024, 16);
+  make({0, 1}, 4096, 64);
+  EXPECT_EQ(chosen(), 1);  // the median is small
+  make({2}, 4096, 64);
+  const Scene halved = load_scene(folder.path(), options);
+  EXPECT_EQ(halved.options.downscale, 2);
+  EXPECT_TRUE(any_contains(halved.report.notes,
+                           "4096 x 64 pixels are learnt at 1/2 of their size, 2048 x 32"));
+  make({0, 1, 2}, 4100, 64);
+  EXPECT_EQ(chosen(), 3);
+  options.downscale = 1;
+  EXPECT_EQ(chosen(), 1);
+}
+
 }  // namespace
 }  // namespace nerf

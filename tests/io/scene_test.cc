@@ -162,8 +162,8 @@ TEST(LoadScene, WhatIsNoSceneIsAnError) {
   options.format = SceneFormat::kColmap;
   EXPECT_TRUE(contains(load_error(folder.path(), options), "there is no COLMAP model (sparse/0"));
   options.format = SceneFormat::kAuto;
-  options.downscale = 0;
-  EXPECT_TRUE(contains(load_error(folder.path(), options), "--downscale 0"));
+  options.downscale = -1;
+  EXPECT_TRUE(contains(load_error(folder.path(), options), "--downscale -1"));
 }
 
 TEST(LoadScene, PhotosNeedAKnownCameraModelAndAFolderToWorkIn) {

@@ -71,10 +71,10 @@ enum class Split {
   kNone,  // everything trains, nothing is held out
 };
 
-// Whether cameras are adjusted while a capture is read. kAuto: those of a COLMAP model to its
-// keypoints, where they do not fit, and photos that had a lens each get one for all, where that
-// explains the keypoints as well. kOn: whether they fit or not; of a capture without keypoints that
-// does not come as photos or video they are found anew by colmap, in options.work_folder.
+// kAuto: cameras of a COLMAP model are adjusted to its keypoints where they do not fit, one lens
+// takes the place of one for each photo where it explains them as well, and colmap finds anew, in
+// options.work_folder, those of a model that takes two sides of a thing for one. kOn: adjusted even
+// where they fit, and found anew where there are no keypoints (photos and videos have had both).
 enum class AdjustCameras { kOff, kAuto, kOn };
 inline auto option_names(AdjustCameras) {
   return std::array{OptionName{AdjustCameras::kOff, "off"},
@@ -84,7 +84,9 @@ inline auto option_names(AdjustCameras) {
 struct SceneOptions {
   SceneFormat format = SceneFormat::kAuto;
   Split split = Split::kTest;
-  int downscale = 1;                // photos divided by this, area average
+  // Photos are divided by this, area average. 0: by what brings the median photo's longest side to
+  // 2048 pixels or less (a panorama's to 8192); scene.options then says by what.
+  int downscale = 1;
   std::optional<Box3> bbox;         // input coordinates; what to reconstruct
   std::optional<Vec3d> up;          // input coordinates; overrides the estimate
   std::optional<double> near, far;  // input units; override the estimates

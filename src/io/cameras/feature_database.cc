@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
+#include <algorithm>
 #include <cstring>
 
 #include "nerf/base/error.h"
@@ -33,6 +34,9 @@ struct FeatureDatabase::Impl {
     if (sqlite3_exec(db, sql, nullptr, nullptr, nullptr) != SQLITE_OK)
       fail("cannot write colmap's database");
   }
+  std::vector<ImageIdPair> pairs(const char* sql) const;
+  // `sql` has one parameter, the pair.
+  std::vector<FeatureMatch> matches(const char* sql, const ImageIdPair& pair) const;
 };
 
 namespace {
@@ -96,6 +100,24 @@ class Query {
 
 }  // namespace
 
+std::vector<ImageIdPair> FeatureDatabase::Impl::pairs(const char* sql) const {
+  Query query(db, file, sql);
+  std::vector<ImageIdPair> out;
+  while (query.next()) out.push_back(pair_of(query.integer(0)));
+  return out;
+}
+
+std::vector<FeatureMatch> FeatureDatabase::Impl::matches(const char* sql,
+                                                         const ImageIdPair& pair) const {
+  Query query(db, file, sql);
+  query.bind(1, pair_id(pair));
+  if (!query.next()) return {};
+  const std::vector<uint8_t> bytes = query.matrix(2, sizeof(uint32_t));
+  std::vector<FeatureMatch> out(bytes.size() / sizeof(FeatureMatch));
+  if (!out.empty()) std::memcpy(out.data(), bytes.data(), bytes.size());
+  return out;
+}
+
 FeatureDatabase::FeatureDatabase(const fs::path& file) : impl_(std::make_unique<Impl>()) {
   impl_->file = file;
   if (sqlite3_open_v2(file.c_str(), &impl_->db, SQLITE_OPEN_READWRITE, nullptr) != SQLITE_OK) {
@@ -135,11 +157,22 @@ std::vector<uint8_t> FeatureDatabase::descriptors(int64_t image) {
   return query.next() ? query.matrix(kDescriptorBytes, 1) : std::vector<uint8_t>();
 }
 
-std::vector<ImageIdPair> FeatureDatabase::matched_pairs() {
-  Query query(impl_->db, impl_->file, "SELECT pair_id FROM matches ORDER BY pair_id");
-  std::vector<ImageIdPair> out;
-  while (query.next()) out.push_back(pair_of(query.integer(0)));
+std::vector<FeaturePlace> FeatureDatabase::places(int64_t image) {
+  Query query(impl_->db, impl_->file, "SELECT rows, cols, data FROM keypoints WHERE image_id = ?");
+  query.bind(1, image);
+  if (!query.next()) return {};
+  // x and y, and what says how large the feature is and how it is turned.
+  const int64_t columns = std::max<int64_t>(query.integer(1), 2);
+  const std::vector<uint8_t> bytes = query.matrix(columns, sizeof(float));
+  const size_t stride = static_cast<size_t>(columns) * sizeof(float);
+  std::vector<FeaturePlace> out(bytes.size() / stride);
+  for (size_t i = 0; i < out.size(); ++i)
+    std::memcpy(&out[i], bytes.data() + i * stride, sizeof(FeaturePlace));
   return out;
+}
+
+std::vector<ImageIdPair> FeatureDatabase::matched_pairs() {
+  return impl_->pairs("SELECT pair_id FROM matches ORDER BY pair_id");
 }
 
 void FeatureDatabase::write_matches(const ImageIdPair& pair,
@@ -155,13 +188,25 @@ void FeatureDatabase::write_matches(const ImageIdPair& pair,
 }
 
 std::vector<FeatureMatch> FeatureDatabase::matches(const ImageIdPair& pair) {
-  Query query(impl_->db, impl_->file, "SELECT rows, cols, data FROM matches WHERE pair_id = ?");
-  query.bind(1, pair_id(pair));
-  if (!query.next()) return {};
-  const std::vector<uint8_t> bytes = query.matrix(2, sizeof(uint32_t));
-  std::vector<FeatureMatch> out(bytes.size() / sizeof(FeatureMatch));
-  if (!out.empty()) std::memcpy(out.data(), bytes.data(), bytes.size());
-  return out;
+  return impl_->matches("SELECT rows, cols, data FROM matches WHERE pair_id = ?", pair);
+}
+
+std::vector<ImageIdPair> FeatureDatabase::verified_pairs() {
+  return impl_->pairs("SELECT pair_id FROM two_view_geometries WHERE rows > 0 ORDER BY pair_id");
+}
+
+std::vector<FeatureMatch> FeatureDatabase::verified_matches(const ImageIdPair& pair) {
+  return impl_->matches("SELECT rows, cols, data FROM two_view_geometries WHERE pair_id = ?", pair);
+}
+
+void FeatureDatabase::replace_verified_matches(const ImageIdPair& pair,
+                                               const std::vector<FeatureMatch>& matches) {
+  Query query(impl_->db, impl_->file,
+              "UPDATE two_view_geometries SET rows = ?, data = ? WHERE pair_id = ?");
+  query.bind(1, static_cast<int64_t>(matches.size())).bind(3, pair_id(pair));
+  query.bind(2, matches.empty() ? static_cast<const void*>("") : matches.data(),
+             matches.size() * sizeof(FeatureMatch));
+  query.next();
 }
 
 void FeatureDatabase::fill_with_no_matches() {

@@ -22,6 +22,13 @@ struct FeatureMatch {
   friend bool operator==(const FeatureMatch&, const FeatureMatch&) = default;
 };
 
+constexpr int64_t kFewestMatches = 15;  // of a pair: COLMAP's least number of inliers
+
+// Where a feature is in its photo, pixels.
+struct FeaturePlace {
+  float x, y;
+};
+
 using ImageIdPair = std::pair<int64_t, int64_t>;  // of database ids, the lower one first
 
 class FeatureDatabase {
@@ -40,6 +47,7 @@ class FeatureDatabase {
   std::vector<Image> images();                      // in the order of names
   int64_t feature_count(int64_t image);             // 0 where features were not looked for
   std::vector<uint8_t> descriptors(int64_t image);  // [features x kDescriptorBytes]
+  std::vector<FeaturePlace> places(int64_t image);
 
   // Pairs that have matches already, none perhaps. Ascending.
   std::vector<ImageIdPair> matched_pairs();
@@ -48,6 +56,12 @@ class FeatureDatabase {
   std::vector<FeatureMatch> matches(const ImageIdPair& pair);
   // Every pair that is not among matched_pairs() gets no matches.
   void fill_with_no_matches();
+
+  // Pairs whose matches colmap has verified, and that some are left of. Ascending.
+  std::vector<ImageIdPair> verified_pairs();
+  std::vector<FeatureMatch> verified_matches(const ImageIdPair& pair);
+  // In place of those that are left. With none, mappers do not see the pair.
+  void replace_verified_matches(const ImageIdPair& pair, const std::vector<FeatureMatch>& matches);
 
   // Everything written between the two appears together.
   void begin();

@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
+#include "io/cameras/lookalikes.h"
 #include "io/colmap.h"
 #include "io/paths.h"
 #include "nerf/base/error.h"
@@ -22,6 +24,8 @@ namespace {
 constexpr int64_t kManyPhotos = 400;
 // The incremental mapper's time grows with about this power of the number of photos.
 constexpr double kMappingPower = 1.5;
+// Share of the photos that stay placed where pairs of things that look alike are taken away.
+constexpr double kEnoughApart = 0.9;
 
 // Below `folder`, the one with the most photos first.
 std::vector<MappedModel> models_in(const fs::path& folder) {
@@ -119,11 +123,9 @@ MappedModel largest_of(const ColmapProgram& colmap, std::vector<MappedModel> mod
   return best;
 }
 
-}  // namespace
-
-MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
-                       const fs::path& database, const fs::path& folder, const MapSettings& map,
-                       const Tell& tell) {
+MappedModel map_once(const ColmapProgram& colmap, const CapturePhotos& photos,
+                     const fs::path& database, const fs::path& folder, const MapSettings& map,
+                     const Tell& tell) {
   const auto count = static_cast<int64_t>(photos.photos.size());
   const auto run = [&](const char* mapper) {
     clear_folder(folder);
@@ -159,6 +161,62 @@ MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
   }
   if (models.empty()) models = run("mapper");
   return largest_of(colmap, std::move(models), folder, map, tell);
+}
+
+using VerifiedMatches = std::vector<std::pair<ImageIdPair, std::vector<FeatureMatch>>>;
+
+// Takes away what is verified of these pairs.
+VerifiedMatches take_matches(const std::vector<ImageIdPair>& pairs, FeatureDatabase& features) {
+  VerifiedMatches taken;
+  features.begin();
+  for (const ImageIdPair& pair : pairs) {
+    taken.emplace_back(pair, features.verified_matches(pair));
+    features.replace_verified_matches(pair, {});
+  }
+  features.commit();
+  return taken;
+}
+
+void put_back(const VerifiedMatches& taken, FeatureDatabase& features) {
+  features.begin();
+  for (const auto& [pair, matches] : taken) features.replace_verified_matches(pair, matches);
+  features.commit();
+}
+
+}  // namespace
+
+MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
+                       const fs::path& database, const fs::path& folder, const MapSettings& map,
+                       const Tell& tell) {
+  const MappedModel model = map_once(colmap, photos, database, folder, map, tell);
+  if (model.photos == 0) return model;
+  FeatureDatabase features(database);
+  const ModelCheck check = check_model(model.folder, features);
+  if (check.misleading.empty()) return model;
+  if (tell) {
+    tell(
+        fmt::format("colmap: {} photos do not stand where the photos closest to them say; placing "
+                    "all again without {} pairs that show what looks alike",
+                    check.contradicted, check.misleading.size()));
+  }
+  const VerifiedMatches taken = take_matches(check.misleading, features);
+  const MappedModel apart =
+      map_once(colmap, photos, database, fs::path(folder) += "_apart", map, tell);
+  put_back(taken, features);  // both models are judged by all pairs
+  const bool better =
+      static_cast<double>(apart.photos) >= kEnoughApart * static_cast<double>(model.photos) &&
+      check_model(apart.folder, features).contradicted < check.contradicted;
+  if (better) {
+    take_matches(check.misleading, features);  // for what may be tried next
+    return apart;
+  }
+  if (tell) {
+    tell(
+        fmt::format("colmap: that was no better; {} photos may stand in wrong places, where things "
+                    "look alike (photos that show more of their surroundings would help)",
+                    check.contradicted));
+  }
+  return model;
 }
 
 }  // namespace nerf::internal

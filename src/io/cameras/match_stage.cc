@@ -17,10 +17,9 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr int kBlock = 64;              // photos; the descriptors of two blocks are in memory
-constexpr size_t kPairsAtOnce = 64;     // between two looks at the clock and the request to stop
-constexpr int64_t kFewestMatches = 15;  // COLMAP's least number of inliers
-constexpr size_t kSampled = 40000;      // features, for the words of the global descriptor
+constexpr int kBlock = 64;           // photos; the descriptors of two blocks are in memory
+constexpr size_t kPairsAtOnce = 64;  // between two looks at the clock and the request to stop
+constexpr size_t kSampled = 40000;   // features, for the words of the global descriptor
 
 void check(const Cancel* cancel) {
   if (cancel && cancel->requested()) throw Cancelled();

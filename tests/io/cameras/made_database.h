@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -22,7 +23,11 @@ class MadeDatabase {
     run("CREATE TABLE images(image_id INTEGER PRIMARY KEY, name TEXT, camera_id INTEGER);"
         "CREATE TABLE descriptors(image_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER,"
         " data BLOB);"
-        "CREATE TABLE matches(pair_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER, data BLOB)");
+        "CREATE TABLE keypoints(image_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER,"
+        " data BLOB);"
+        "CREATE TABLE matches(pair_id INTEGER PRIMARY KEY, rows INTEGER, cols INTEGER, data BLOB);"
+        "CREATE TABLE two_view_geometries(pair_id INTEGER PRIMARY KEY, rows INTEGER,"
+        " cols INTEGER, data BLOB)");
   }
   ~MadeDatabase() { sqlite3_close(db_); }
   MadeDatabase(const MadeDatabase&) = delete;
@@ -33,17 +38,17 @@ class MadeDatabase {
                     int64_t camera = 1) {
     const int64_t id = number("SELECT COUNT(*) FROM images") + 1;
     run(fmt::format("INSERT INTO images VALUES({}, '{}', {})", id, name, camera));
-    sqlite3_stmt* statement = nullptr;
-    EXPECT_EQ(sqlite3_prepare_v2(db_, "INSERT INTO descriptors VALUES(?, ?, 128, ?)", -1,
-                                 &statement, nullptr),
-              SQLITE_OK);
-    sqlite3_bind_int64(statement, 1, id);
-    sqlite3_bind_int64(statement, 2, static_cast<int64_t>(descriptors.size()) / kDescriptorBytes);
-    const void* data = descriptors.empty() ? static_cast<const void*>("") : descriptors.data();
-    sqlite3_bind_blob64(statement, 3, data, descriptors.size(), SQLITE_TRANSIENT);
-    EXPECT_EQ(sqlite3_step(statement), SQLITE_DONE);
-    sqlite3_finalize(statement);
+    insert("descriptors", id, kDescriptorBytes, descriptors);
     return id;
+  }
+  // x, y, size and turn of each.
+  void add_keypoints(int64_t image, const std::vector<std::array<float, 4>>& keypoints) {
+    insert("keypoints", image, 4, keypoints);
+  }
+  // image_a < image_b; the feature of the one and of the other.
+  void add_verified(int64_t image_a, int64_t image_b,
+                    const std::vector<std::array<uint32_t, 2>>& matches) {
+    insert("two_view_geometries", int64_t{2147483647} * image_a + image_b, 2, matches);
   }
   void run(const std::string& sql) {
     EXPECT_EQ(sqlite3_exec(db_, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK)
@@ -59,6 +64,20 @@ class MadeDatabase {
   }
 
  private:
+  template <class T>
+  void insert(const char* table, int64_t id, size_t columns, const std::vector<T>& values) {
+    const size_t row = sizeof(T) == 1 ? columns : 1;  // values to a row of the table
+    sqlite3_stmt* statement = nullptr;
+    const std::string sql = fmt::format("INSERT INTO {} VALUES(?, ?, {}, ?)", table, columns);
+    EXPECT_EQ(sqlite3_prepare_v2(db_, sql.c_str(), -1, &statement, nullptr), SQLITE_OK);
+    sqlite3_bind_int64(statement, 1, id);
+    sqlite3_bind_int64(statement, 2, static_cast<int64_t>(values.size() / row));
+    const void* data = values.empty() ? static_cast<const void*>("") : values.data();
+    sqlite3_bind_blob64(statement, 3, data, values.size() * sizeof(T), SQLITE_TRANSIENT);
+    EXPECT_EQ(sqlite3_step(statement), SQLITE_DONE);
+    sqlite3_finalize(statement);
+  }
+
   sqlite3* db_ = nullptr;
 };
 

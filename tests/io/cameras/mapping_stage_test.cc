@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <fstream>
 
+#include "io/cameras/can_walk.h"
+#include "io/cameras/feature_database.h"
 #include "nerf/base/file.h"
 #include "support/temp_folder.h"
 
@@ -13,6 +15,8 @@ namespace nerf::internal {
 namespace {
 
 namespace fs = std::filesystem;
+using test::CanWalk;
+using test::contains;
 using test::TempFolder;
 
 // Notes its command and knows those of $STANDIN_COMMANDS.
@@ -28,6 +32,12 @@ if [ "$2" = -h ]; then
 fi
 echo "$1" >> "$STANDIN_LOG"
 echo "$*" > "$STANDIN_LOG.last"
+# The first models folder is what the first call finds, and so on.
+model=$STANDIN_MODELS/$(wc -l < "$STANDIN_LOG")
+if [ -d "$model" ]; then
+  while [ "$1" != --output_path ]; do shift; done
+  cp -r "$model" "$2/0"
+fi
 )sh";
 
 class MappingStage : public ::testing::Test {
@@ -59,6 +69,65 @@ class MappingStage : public ::testing::Test {
   TempFolder folder_;
   std::string path_;
 };
+
+// Photos of a walk round a can, which the mapper folds at first. What the second call finds is in
+// models/2.
+class MappingStageOfACan : public MappingStage {
+ protected:
+  static int folded(int photo) { return photo % CanWalk::kHalf; }
+  static int right(int photo) { return photo; }
+
+  void SetUp() override {
+    MappingStage::SetUp();
+    ::setenv("STANDIN_MODELS", (folder_ / "models").c_str(), 1);
+    ::setenv("STANDIN_COMMANDS", "mapper", 1);
+    CanWalk::write_database(folder_ / "database.db", true);
+    CanWalk::write_model(folder_ / "models" / "1", folded);
+  }
+  void TearDown() override {
+    ::unsetenv("STANDIN_MODELS");
+    MappingStage::TearDown();
+  }
+  MappedModel map() {
+    const CapturePhotos capture{folder_.path(), std::vector<CapturePhoto>(CanWalk::kPhotos)};
+    return map_photos(ColmapProgram(nullptr), capture, folder_ / "database.db", folder_ / "sparse",
+                      {}, [&](const std::string& line) { told_ += line + "\n"; });
+  }
+  size_t verified_pairs() {
+    return FeatureDatabase(folder_ / "database.db").verified_pairs().size();
+  }
+
+  std::string told_;
+};
+
+TEST_F(MappingStageOfACan, PhotosThatAFoldPutsOnTopOfOthersArePlacedAgain) {
+  CanWalk::write_model(folder_ / "models" / "2", right);
+  const size_t before = verified_pairs();
+  const MappedModel model = map();
+  EXPECT_EQ(read_text_file(folder_ / "log"), "mapper\nmapper\n");
+  EXPECT_EQ(model.photos, CanWalk::kPhotos);
+  EXPECT_EQ(read_text_file(model.folder / "images.bin"),
+            read_text_file(folder_ / "models" / "2" / "images.bin"));
+  EXPECT_LT(verified_pairs(), before);
+  EXPECT_TRUE(contains(told_, "placing all again without"));
+  EXPECT_FALSE(contains(told_, "no better"));
+}
+
+TEST_F(MappingStageOfACan, WhereThatIsNoBetterTheFirstModelCountsAndNothingIsLost) {
+  CanWalk::write_model(folder_ / "models" / "2", folded);
+  const size_t before = verified_pairs();
+  const MappedModel model = map();
+  EXPECT_EQ(read_text_file(folder_ / "log"), "mapper\nmapper\n");
+  EXPECT_EQ(model.folder, folder_ / "sparse" / "0");
+  EXPECT_EQ(verified_pairs(), before);
+  EXPECT_TRUE(contains(told_, "that was no better"));
+}
+
+TEST_F(MappingStageOfACan, ARightModelIsMappedOnce) {
+  CanWalk::write_model(folder_ / "models" / "1", right);
+  EXPECT_EQ(map().photos, CanWalk::kPhotos);
+  EXPECT_EQ(read_text_file(folder_ / "log"), "mapper\n");
+}
 
 TEST_F(MappingStage, ManyPhotosGoToTheGlobalMapperWhereThereIsOne) {
   // It places none here, and so the other has its turn.
