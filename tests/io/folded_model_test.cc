@@ -4,10 +4,10 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-#include <fstream>
+#include <algorithm>
 
 #include "io/cameras/can_walk.h"
+#include "io/cameras/stand_in_colmap.h"
 #include "nerf/base/file.h"
 #include "nerf/math/camera_paths.h"
 
@@ -42,23 +42,14 @@ class FoldedModel : public ::testing::Test {
  protected:
   static std::string linked(int photo) { return fmt::format("0/{:06}.png", photo); }
 
-  void SetUp() override {
-    fs::create_directory(folder_ / "bin");
-    std::ofstream(folder_ / "bin" / "colmap") << kStandIn;
-    fs::permissions(folder_ / "bin" / "colmap", fs::perms{0755});
-    path_ = ::getenv("PATH");
-    ::setenv("PATH", ((folder_ / "bin").string() + ":" + path_).c_str(), 1);
-    ::setenv("STANDIN_LOG", (folder_ / "log").c_str(), 1);
-    ::setenv("STANDIN_DATABASE", (folder_ / "made.db").c_str(), 1);
-    ::setenv("STANDIN_MODEL", (folder_ / "model").c_str(), 1);
+  FoldedModel() : colmap_(folder_.path(), kStandIn) {
+    colmap_.set("STANDIN_LOG", (folder_ / "log").string());
+    colmap_.set("STANDIN_DATABASE", (folder_ / "made.db").string());
+    colmap_.set("STANDIN_MODEL", (folder_ / "model").string());
     CanWalk::write_database(folder_ / "made.db", true, linked);
     CanWalk::write_model(folder_ / "model", [](int photo) { return photo; }, linked);
     write_file_atomically(folder_ / "log", "");
     options_.work_folder = folder_ / "work";
-  }
-  void TearDown() override {
-    ::setenv("PATH", path_.c_str(), 1);
-    for (const char* name : {"STANDIN_LOG", "STANDIN_DATABASE", "STANDIN_MODEL"}) ::unsetenv(name);
   }
 
   // Photo i stands where photo `stands_at(i)` does in truth; those that follow each other share
@@ -91,7 +82,7 @@ class FoldedModel : public ::testing::Test {
   std::string log() const { return read_text_file(folder_ / "log"); }
 
   TempFolder folder_;
-  std::string path_;
+  test::StandInColmap colmap_;
   SceneOptions options_;
 };
 
@@ -134,7 +125,7 @@ TEST_F(FoldedModel, PhotosThatDoStandApartStayAndAreComparedOnce) {
   // The photographer steps to the other side for photos 10 to 29, in truth.
   const auto stands = [](int photo) { return photo < 10 || photo >= 30 ? photo : photo + 14; };
   CanWalk::write_database(folder_ / "other.db", false, linked, stands);
-  ::setenv("STANDIN_DATABASE", (folder_ / "other.db").c_str(), 1);
+  colmap_.set("STANDIN_DATABASE", (folder_ / "other.db").string());
   const SceneInput given = capture(stands, {10, 30});
   ASSERT_EQ(find_jumps(given).size(), 2u);
   SceneInput input = given;
@@ -152,7 +143,7 @@ TEST_F(FoldedModel, NothingHappensWithoutAFolderOrWhereColmapFails) {
   EXPECT_FALSE(unfold_it(input));
   EXPECT_EQ(log(), "");
   options_.work_folder = folder_ / "work";
-  ::setenv("STANDIN_MODEL", (folder_ / "nowhere").c_str(), 1);
+  colmap_.set("STANDIN_MODEL", (folder_ / "nowhere").string());
   EXPECT_FALSE(unfold_it(input));
   EXPECT_TRUE(contains(input.notes.back(), "cameras were not found anew"));
   EXPECT_EQ(input.views[20].pose.translation, CanWalk::place(folded(20)).translation);

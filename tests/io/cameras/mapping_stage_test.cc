@@ -3,11 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-#include <fstream>
-
 #include "io/cameras/can_walk.h"
 #include "io/cameras/feature_database.h"
+#include "io/cameras/stand_in_colmap.h"
 #include "nerf/base/file.h"
 #include "support/temp_folder.h"
 
@@ -42,21 +40,11 @@ fi
 
 class MappingStage : public ::testing::Test {
  protected:
-  void SetUp() override {
-    fs::create_directory(folder_ / "bin");
-    std::ofstream(folder_ / "bin" / "colmap") << kStandIn;
-    fs::permissions(folder_ / "bin" / "colmap", fs::perms{0755});
-    path_ = ::getenv("PATH");
-    ::setenv("PATH", ((folder_ / "bin").string() + ":" + path_).c_str(), 1);
-    ::setenv("STANDIN_LOG", (folder_ / "log").c_str(), 1);
-  }
-  void TearDown() override {
-    ::setenv("PATH", path_.c_str(), 1);
-    ::unsetenv("STANDIN_LOG");
-    ::unsetenv("STANDIN_COMMANDS");
+  MappingStage() : colmap_(folder_.path(), kStandIn) {
+    colmap_.set("STANDIN_LOG", (folder_ / "log").string());
   }
   std::string mapper_for(size_t photos, const char* commands, const MapSettings& map = {}) {
-    ::setenv("STANDIN_COMMANDS", commands, 1);
+    colmap_.set("STANDIN_COMMANDS", commands);
     std::error_code ignored;
     fs::remove(folder_ / "log", ignored);
     const CapturePhotos capture{folder_.path(), std::vector<CapturePhoto>(photos)};
@@ -67,7 +55,7 @@ class MappingStage : public ::testing::Test {
   }
 
   TempFolder folder_;
-  std::string path_;
+  test::StandInColmap colmap_;
 };
 
 // Photos of a walk round a can, which the mapper folds at first. What the second call finds is in
@@ -77,16 +65,11 @@ class MappingStageOfACan : public MappingStage {
   static int folded(int photo) { return photo % CanWalk::kHalf; }
   static int right(int photo) { return photo; }
 
-  void SetUp() override {
-    MappingStage::SetUp();
-    ::setenv("STANDIN_MODELS", (folder_ / "models").c_str(), 1);
-    ::setenv("STANDIN_COMMANDS", "mapper", 1);
+  MappingStageOfACan() {
+    colmap_.set("STANDIN_MODELS", (folder_ / "models").string());
+    colmap_.set("STANDIN_COMMANDS", "mapper");
     CanWalk::write_database(folder_ / "database.db", true);
     CanWalk::write_model(folder_ / "models" / "1", folded);
-  }
-  void TearDown() override {
-    ::unsetenv("STANDIN_MODELS");
-    MappingStage::TearDown();
   }
   MappedModel map() {
     const CapturePhotos capture{folder_.path(), std::vector<CapturePhoto>(CanWalk::kPhotos)};
