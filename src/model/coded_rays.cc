@@ -1,8 +1,13 @@
 #include "model/coded_rays.h"
 
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
+#include "model/field_integrator.h"
+#include "model/medium_ray.h"
+#include "nerf/kernels/elementwise.h"
+#include "nerf/model/grid_field.h"
 #include "nerf/model/integrator.h"
 #include "nerf/model/network_levels.h"
 #include "nerf/model/radiance_field.h"
@@ -30,6 +35,106 @@ class IntegratedRays final : public CodedRays {
   RenderOptions options_;
   ThreadPool& pool_;
   const Cancel* cancel_;
+};
+
+// Samples that share a colour are placed once; then only the colour network is asked.
+class TableRays final : public CodedRays {
+ public:
+  TableRays(const RadianceField& field, std::span<const Ray> rays, const RenderOptions& options,
+            ThreadPool& pool, const Cancel* cancel)
+      : field_(field.grid()),
+        rays_(rays),
+        pool_(pool),
+        cancel_(cancel),
+        heads_(static_cast<size_t>(pool.size())),
+        blocks_((rays.size() + kRaysOfBlock - 1) / kRaysOfBlock),
+        opacity_(rays.size()) {
+    pack_layers(field_.layers(), field_.weights.data(), options.precision, packs_, pool);
+    RenderOptions any_light = options;
+    any_light.appearance = {};
+    const auto integrator = make_integrator(field, any_light, pool);
+    std::vector<Real> rgb(3 * rays.size());
+    pool.parallel_for_thread(static_cast<int64_t>(blocks_.size()), [&](int64_t b, int thread) {
+      if (cancel && cancel->requested()) throw Cancelled();
+      const size_t begin = static_cast<size_t>(b) * kRaysOfBlock;
+      const RaySink sink{.rgb = rgb.data() + 3 * begin,
+                         .opacity = opacity_.data() + begin,
+                         .shared = &blocks_[static_cast<size_t>(b)]};
+      integrator->integrate(rays.subspan(begin, std::min(kRaysOfBlock, rays.size() - begin)), sink,
+                            thread);
+    });
+  }
+
+  std::vector<Real> pixels(const std::vector<Real>& code) override {
+    std::vector<Real> rgb;
+    for (size_t i = 0; i < rays_.size(); ++i)
+      for (int k = 0; k < 3; ++k) rgb.push_back((1 - opacity_[i]) * rays_[i].background[k]);
+    const std::vector<Real> numbers = code.empty() ? field_.default_code(0) : code;
+    pool_.parallel_for_thread(static_cast<int64_t>(blocks_.size()), [&](int64_t b, int thread) {
+      if (cancel_ && cancel_->requested()) throw Cancelled();
+      auto& head = heads_[static_cast<size_t>(thread)];
+      if (!head) head = std::make_unique<Head>(field_, packs_);
+      const size_t first = static_cast<size_t>(b) * kRaysOfBlock;
+      const SharedSamples& block = blocks_[static_cast<size_t>(b)];
+      for (size_t begin = 0; begin < block.places.size(); begin += kChunkSamples)
+        head->add(block, begin, numbers, rays_.subspan(first), rgb.data() + 3 * first);
+    });
+    return rgb;
+  }
+
+ private:
+  static constexpr size_t kRaysOfBlock = 256;
+
+  struct Head {
+    Head(const GridField& field, const LayerPacks& packs)
+        : tape(field, GridTape::Purpose::kPictures),
+          chunk(tape.tape),
+          sample_begin(kChunkRays + 1) {
+      chunk.weights = field.weights.data();
+      chunk.packs = &packs;
+      std::iota(sample_begin.begin(), sample_begin.end(), 0);
+    }
+    // The light of the block's samples from `begin` on, as many as a chunk has room for. rays, rgb:
+    // of the block.
+    void add(const SharedSamples& block, size_t begin, const std::vector<Real>& code,
+             std::span<const Ray> rays, Real* rgb) {
+      const size_t n = std::min(block.places.size() - begin, size_t{kChunkSamples});
+      const size_t features = block.geometry.size() / block.places.size();
+      chunk.samples = chunk.rays = static_cast<int>(n);  // a ray for each
+      chunk.ray_begin = sample_begin.data();
+      transpose(static_cast<int64_t>(features), chunk.samples,
+                block.geometry.data() + begin * features, static_cast<int64_t>(features),
+                chunk.data(tape.geometry), chunk.stride(tape.geometry));
+      Real* const directions = chunk.data(tape.directions);
+      const size_t stride = static_cast<size_t>(chunk.stride(tape.directions));
+      for (size_t i = 0; i < n; ++i) {
+        const Vec3d& d = rays[static_cast<size_t>(block.places[begin + i])].direction;
+        for (size_t k = 0; k < 3; ++k)
+          directions[k * stride + i] = static_cast<Real>(d[static_cast<int>(k)]);
+      }
+      if (tape.code >= 0) fill_rows(code, chunk.rays, tape.code, chunk);
+      tape.forward_colour(chunk);
+      const Real* const colour = chunk.data(tape.colour);
+      const size_t row = static_cast<size_t>(chunk.stride(tape.colour));
+      for (size_t i = 0; i < n; ++i)
+        for (size_t k = 0; k < 3; ++k)
+          rgb[3 * static_cast<size_t>(block.places[begin + i]) + k] +=
+              block.weights[begin + i] * colour[k * row + i];
+    }
+
+    GridTape tape;
+    Chunk chunk;
+    std::vector<int32_t> sample_begin;
+  };
+
+  const GridField& field_;
+  std::span<const Ray> rays_;
+  ThreadPool& pool_;
+  const Cancel* cancel_;
+  LayerPacks packs_;
+  std::vector<std::unique_ptr<Head>> heads_;  // of each thread
+  std::vector<SharedSamples> blocks_;
+  std::vector<Real> opacity_;
 };
 
 // What a network's colours depend on besides the code is kept of each sample that gives light.
@@ -191,6 +296,8 @@ class NetworkRays final : public CodedRays {
 std::unique_ptr<CodedRays> coded_rays(const RadianceField& field, std::span<const Ray> rays,
                                       const RenderOptions& options, ThreadPool& pool,
                                       const Cancel* cancel) {
+  if (field.is_grid() && !engine_medium(field, options))
+    return std::make_unique<TableRays>(field, rays, options, pool, cancel);
   if (field.is_grid() || field.network().options.light() == 0 || options.bbox || options.medium)
     return std::make_unique<IntegratedRays>(field, rays, options, pool, cancel);
   return std::make_unique<NetworkRays>(field.network(), rays, options, pool, cancel);

@@ -18,6 +18,14 @@ class RadianceField;
 
 namespace nerf::internal {
 
+// What the colours of rays through a table are made of, besides the light that they are seen in:
+// the samples that share a colour, in any order.
+struct SharedSamples {
+  std::vector<int> places;     // of their rays
+  std::vector<Real> weights;   // of the ray's light, together
+  std::vector<Real> geometry;  // [..][GridOptions::geometry_features], mean over the samples
+};
+
 // Where results go, each at the place of its ray. Zero before; colours and opacities are always
 // there, the others where they are wanted. Distances are along the ray, engine units. Median and
 // percentiles lie between samples, as if each interval had one density.
@@ -29,6 +37,7 @@ struct RaySink {
   Real *near = nullptr, *far = nullptr;
   int32_t* samples = nullptr;
   std::vector<DeepSample>* deep = nullptr;
+  SharedSamples* shared = nullptr;  // of a table, without a medium
 };
 
 inline constexpr double kNearShare = 0.05, kFarShare = 0.95;  // of the light, stopped

@@ -340,6 +340,12 @@ void GridIntegrator::shade() {
   shading_.rays = shaded_rays_;
   shading_.ray_begin = shaded_begin_.data();
   const int64_t features = static_cast<int64_t>(geometry_features());
+  if (SharedSamples* const to = sink_.shared) {
+    to->places.insert(to->places.end(), shaded_place_, shaded_place_ + shaded_);
+    to->weights.insert(to->weights.end(), shaded_weight_, shaded_weight_ + shaded_);
+    to->geometry.insert(to->geometry.end(), shaded_geometry_.data(),
+                        shaded_geometry_.data() + shaded_ * features);
+  }
   transpose(features, shaded_, shaded_geometry_.data(), features, shading_.data(tape_.geometry),
             shading_.stride(tape_.geometry));
   if (tape_.code >= 0) fill_rows(code_, shaded_rays_, tape_.code, shading_);

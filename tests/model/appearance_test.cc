@@ -3,11 +3,9 @@
 
 #include <memory>
 
-#include "model/small_grid.h"
+#include "model/coded_fields.h"
 #include "model/some_info.h"
-#include "nerf/math/random.h"
 #include "nerf/model/field.h"
-#include "nerf/model/grid_field.h"
 #include "nerf/model/integrator.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/radiance_field.h"
@@ -22,30 +20,9 @@ namespace {
 
 using test::contains;
 using test::error_of;
-
-const std::vector<std::string> kPhotos{"dawn.jpg", "noon.jpg", "dusk.jpg"};
-
-template <class FieldType>
-void fill_codes(FieldType& field) {
-  Random random(5, 1, 0);
-  for (Real& w : field.weights.span().subspan(field.network_size()))
-    w = 0.6_r * (2 * random.uniform() - 1);
-}
-
-RadianceField grid_with_codes() {
-  GridOptions options = test::small_options(1, 1);
-  options.log2_entries = 10;  // the least of a file
-  CodeShape codes{6, true, kPhotos};
-  codes.lenses = {"wide", "tele"};
-  codes.photo_lenses = {0, 1, 0};
-  auto grid = std::make_shared<GridField>(options, false, 1, codes);
-  grid->initialise(3);
-  test::scale_table(*grid, 1e4_r);
-  fill_codes(*grid);
-  for (int64_t i = 0; i < grid->occupancy.cells(); ++i) grid->occupancy.observe(0, i, 1);
-  grid->occupancy.rebuild(0.01_r);
-  return RadianceField(test::some_info(), std::move(grid));
-}
+using test::fill_codes;
+using test::grid_with_codes;
+using test::kPhotos;
 
 RadianceField network_with_codes() {
   NetworkOptions o = test::small_network(test::nerf_options());

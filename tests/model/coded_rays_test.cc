@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <vector>
 
+#include "model/coded_fields.h"
 #include "model/some_info.h"
 #include "nerf/model/integrator.h"
 #include "nerf/model/network_field.h"
@@ -46,6 +48,34 @@ TEST(CodedRays, AreThePixelsOfTheIntegral) {
       // Samples of less than 1/512 of the light are left out, at most 16 of them.
       EXPECT_LT(most, 0.03_r) << x;
     }
+  }
+}
+
+// A sum of the same products in another order.
+TEST(CodedRays, OfATableAreThePixelsOfTheIntegral) {
+  const RadianceField field = test::grid_with_codes();
+  std::vector<Ray> rays(700);
+  for (size_t i = 0; i < rays.size(); ++i) {
+    const double a = 0.001 * static_cast<double>(i) - 0.35;
+    rays[i].origin = {a, 0.1, -2};
+    rays[i].direction = normalized(Vec3d{0.3 * a, a, 1});
+    rays[i].background = {1, 0.5_r, 0};
+  }
+  ThreadPool pool(2), one(1);
+  RenderOptions options;
+  options.precision = Precision::kF32;
+  const auto coded = internal::coded_rays(field, rays, options, pool, nullptr);
+  const auto alone = internal::coded_rays(field, rays, options, one, nullptr);
+  for (const std::vector<Real>& code :
+       {std::vector<Real>{}, {-0.5_r, 0, 1, 0, 0.5_r, -1}, {2, -2, 1, 0, 0.5_r, 1}}) {
+    options.appearance.code = code;
+    const RayResults want = integrate(field, rays, {}, options, pool);
+    const auto got = coded->pixels(code);
+    EXPECT_EQ(got, alone->pixels(code));
+    ASSERT_EQ(got.size(), want.rgb.size());
+    for (size_t i = 0; i < got.size(); ++i) ASSERT_NEAR(got[i], want.rgb[i], 3e-6) << i;
+    EXPECT_GT(*std::ranges::max_element(want.opacity), 0.3_r);
+    EXPECT_LT(*std::ranges::min_element(want.opacity), 1);
   }
 }
 
