@@ -35,9 +35,9 @@ std::optional<double> bake(RadianceField& field, ThreadPool& pool);
 
 // Renders the held-out views of a run (`views` of them, spread evenly; 0: all) as usual and with
 // every_skip_off() and prints how long it took and how much they differ, from each other and in
-// PSNR against their photos. Masked-out pixels count nowhere.
+// PSNR against their photos; usual_only: without the latter. Masked-out pixels count nowhere.
 void compare_rendering(const std::filesystem::path& run, int views, int threads,
-                       std::optional<int> downscale = {});
+                       std::optional<int> downscale = {}, bool usual_only = false);
 
 double median(std::vector<double> values);  // not empty
 

@@ -9,6 +9,7 @@
 #include "nerf/kernels/bf16.h"
 #include "nerf/math/camera.h"
 #include "nerf/math/random.h"
+#include "nerf/model/moments.h"
 
 namespace nerf::internal {
 
@@ -17,8 +18,7 @@ namespace {
 constexpr Real kEmptyThickness = 1e-3_r;  // optical, of a cell's width
 
 // Each cell becomes the largest of itself and its neighbours along one axis.
-void grow(std::vector<uint8_t>& cells, int64_t first, int64_t stride, ThreadPool& pool) {
-  constexpr int64_t n = BakedOccupancy::kSide;
+void grow(std::vector<uint8_t>& cells, int64_t n, int64_t first, int64_t stride, ThreadPool& pool) {
   pool.parallel_for(n, [&](int64_t a) {
     std::vector<uint8_t> line(static_cast<size_t>(n));
     for (int64_t b = 0; b < n; ++b) {
@@ -85,93 +85,139 @@ class Viewpoints {
   Real longest_;  // interval of the first level
 };
 
-// Of one level's network.
-std::vector<uint8_t> bake_level(const NetworkField& field, const ModelInfo& info, int level,
-                                const LayerPacks& packs, ThreadPool& pool, const Cancel* cancel) {
-  const bool cones = field.options.cast == Cast::kCone;
-  const Viewpoints viewpoints(field, info);
-  const auto axes = encoding_axes(field.options);
-  constexpr int64_t kSide = BakedOccupancy::kSide, kCells = BakedOccupancy::kCells;
-  constexpr int kCascades = BakedOccupancy::kCascades, kPoints = BakedOccupancy::kPoints;
-  constexpr int kBlock = 256;  // points of a network call
-  constexpr int kCellsPerBlock = kBlock / kPoints;
+// Asks a field's networks.
+class OccupancyBaker {
+ public:
+  // time: of a scene that moves.
+  OccupancyBaker(const NetworkField& field, const ModelInfo& info, int side,
+                 std::optional<Real> time, ThreadPool& pool, const Cancel* cancel)
+      : field_(field),
+        viewpoints_(field, info),
+        side_(side),
+        time_(time),
+        pool_(pool),
+        cancel_(cancel) {
+    pack_layers(field.layers(), field.weights.data(), Precision::kAuto, packs_, pool);
+  }
+
+  BakedOccupancy bake() {
+    std::vector<uint8_t> last = bake_level(field_.options.sampling.levels() - 1), before;
+    if (field_.networks.size() > 1) before = bake_level(0);
+    return {side_, std::move(last), std::move(before)};
+  }
+
+ private:
+  static constexpr int kPoints = BakedOccupancy::kPoints;
+  static constexpr int kBlock = 256;  // points of a network call
+  static constexpr int kCellsPerBlock = kBlock / kPoints;
+
   struct Worker {
-    Worker(const NetworkField& f, int level, const LayerPacks& packs)
-        : tape(f.options, f.network_of(level), kBlock, 1, NetworkTape::Purpose::kDensity, {}),
+    Worker(const NetworkField& field, int level, const LayerPacks& packs,
+           const std::optional<Real>& time)
+        : tape(field.options, field.network_of(level), kBlock, 1, NetworkTape::Purpose::kDensity,
+               {}),
           chunk(tape.tape) {
-      chunk.weights = f.weights.data();
+      chunk.weights = field.weights.data();
       chunk.packs = &packs;
       chunk.rays = 1;
       for (int k = 0; k < 3; ++k)
         chunk.data(tape.directions)[k * chunk.stride(tape.directions)] = 0;
+      if (!time) return;
+      tape.open(field.windows);
+      Moments(field).place(tape, chunk, 0, *time, -1);
     }
     NetworkTape tape;
     Chunk chunk;
   };
-  std::vector<uint8_t> out(static_cast<size_t>(kCascades * kCells), 0);
-  std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool.size()));
-  for (int cascade = 0; cascade < kCascades; ++cascade) {
-    const Real w = baked_cell_width(BakedOccupancy::kSide, cascade);
-    const Real way = cones ? viewpoints.longest() : w;
-    pool.parallel_for_thread(kCells / kCellsPerBlock, [&](int64_t block, int thread) {
-      if (cancel && cancel->requested()) throw Cancelled();
-      auto& own = workers[static_cast<size_t>(thread)];
-      if (!own) own = std::make_unique<Worker>(field, level, packs);
-      Chunk& c = own->chunk;
-      const int64_t ld = c.stride(own->tape.position);
-      Real* position = c.data(own->tape.position);
-      Real* variance = field.options.integrated() ? c.data(own->tape.variance) : nullptr;
-      int64_t cells[kCellsPerBlock];
-      int count = 0;
-      for (int64_t cell = block * kCellsPerBlock; cell < (block + 1) * kCellsPerBlock; ++cell) {
-        const int64_t at[3] = {cell % kSide, cell / kSide % kSide, cell / (kSide * kSide)};
-        // A finer grid answers for the middle of the coarser one.
-        const bool inner = std::ranges::all_of(at, [](int64_t i) {
-          constexpr int64_t kBorder = BakedOccupancy::kSide / 4;
-          return i >= kBorder && i < BakedOccupancy::kSide - kBorder;
-        });
-        if (cascade > 0 && inner) continue;
-        Random random(1, static_cast<uint64_t>(cascade), static_cast<uint64_t>(cell));
-        for (int i = 0; i < kPoints; ++i) {
-          Vec3 p;
-          for (int k = 0; k < 3; ++k)
-            p[k] = (static_cast<Real>(at[k] - kSide / 2) + random.uniform()) * w;
-          const int column = count * kPoints + i;
-          if (cones) {
-            Real t0, t1;
-            const NetworkRay ray = viewpoints.through(p, i == 0, random, t0, t1);
-            place_gaussian(field.options, axes, ray, t0, t1, position + column,
-                           variance ? variance + column : nullptr, ld);
-          } else {
-            for (int k = 0; k < 3; ++k) position[k * ld + column] = p[k];
-          }
-        }
-        cells[count++] = cell;
-      }
-      if (count == 0) return;
-      c.samples = count * kPoints;
-      const int32_t ray_begin[2] = {0, c.samples};
-      c.ray_begin = ray_begin;
-      std::fill_n(c.data(own->tape.delta), c.samples, way);
-      own->tape.forward_weights(c);
-      const Real* density = c.data(own->tape.density);
-      for (int i = 0; i < count; ++i)
-        for (int k = 0; k < kPoints; ++k)
-          if (!(density[i * kPoints + k] * way < kEmptyThickness))
-            out[static_cast<size_t>(cascade * kCells + cells[i])] = 1;
-    });
-    for (int64_t stride : {int64_t{1}, kSide, kSide * kSide})
-      grow(out, cascade * kCells, stride, pool);
+
+  bool is_cone() const { return field_.options.cast == Cast::kCone; }
+
+  // Of one level's network.
+  std::vector<uint8_t> bake_level(int level) {
+    const int64_t n = side_, all = BakedOccupancy::cells_of(side_);
+    std::vector<uint8_t> out(static_cast<size_t>(BakedOccupancy::kCascades * all), 0);
+    std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool_.size()));
+    for (int cascade = 0; cascade < BakedOccupancy::kCascades; ++cascade) {
+      pool_.parallel_for_thread(all / kCellsPerBlock, [&](int64_t block, int thread) {
+        if (cancel_ && cancel_->requested()) throw Cancelled();
+        auto& own = workers[static_cast<size_t>(thread)];
+        if (!own) own = std::make_unique<Worker>(field_, level, packs_, time_);
+        ask(cascade, block, *own, out.data() + cascade * all);
+      });
+      for (int64_t stride : {int64_t{1}, n, n * n}) grow(out, n, cascade * all, stride, pool_);
+    }
+    return out;
   }
-  return out;
+
+  // Marks the block's cells that hold matter. out: of the cascade.
+  void ask(int cascade, int64_t block, Worker& own, uint8_t* out) const {
+    const int64_t n = side_, border = n / 4;
+    const Real w = baked_cell_width(side_, cascade);
+    const Real way = is_cone() ? viewpoints_.longest() : w;
+    Chunk& c = own.chunk;
+    int64_t cells[kCellsPerBlock];
+    int count = 0;
+    for (int64_t cell = block * kCellsPerBlock; cell < (block + 1) * kCellsPerBlock; ++cell) {
+      const int64_t at[3] = {cell % n, cell / n % n, cell / (n * n)};
+      // A finer grid answers for the middle of the coarser one.
+      const bool inner =
+          std::ranges::all_of(at, [&](int64_t i) { return i >= border && i < n - border; });
+      if (cascade > 0 && inner) continue;
+      Random random(1, static_cast<uint64_t>(cascade), static_cast<uint64_t>(cell));
+      for (int i = 0; i < kPoints; ++i) {
+        Vec3 p;
+        for (int k = 0; k < 3; ++k)
+          p[k] = (static_cast<Real>(at[k] - n / 2) + random.uniform()) * w;
+        place(p, i == 0, count * kPoints + i, random, own);
+      }
+      cells[count++] = cell;
+    }
+    if (count == 0) return;
+    c.samples = count * kPoints;
+    const int32_t ray_begin[2] = {0, c.samples};
+    c.ray_begin = ray_begin;
+    std::fill_n(c.data(own.tape.delta), c.samples, way);
+    own.tape.forward_weights(c);
+    const Real* density = c.data(own.tape.density);
+    for (int i = 0; i < count; ++i)
+      for (int k = 0; k < kPoints; ++k)
+        if (!(density[i * kPoints + k] * way < kEmptyThickness)) out[cells[i]] = 1;
+  }
+
+  void place(const Vec3& p, bool whole_interval, int column, Random& random, Worker& own) const {
+    Chunk& c = own.chunk;
+    const int64_t ld = c.stride(own.tape.position);
+    Real* const position = c.data(own.tape.position) + column;
+    if (!is_cone()) {
+      for (int k = 0; k < 3; ++k) position[k * ld] = p[k];
+      return;
+    }
+    Real* const variance =
+        field_.options.integrated() ? c.data(own.tape.variance) + column : nullptr;
+    Real t0, t1;
+    const NetworkRay ray = viewpoints_.through(p, whole_interval, random, t0, t1);
+    place_gaussian(field_.options, encoding_axes(field_.options), ray, t0, t1, position, variance,
+                   ld);
+  }
+
+  const NetworkField& field_;
+  Viewpoints viewpoints_;
+  int side_;
+  std::optional<Real> time_;
+  ThreadPool& pool_;
+  const Cancel* cancel_;
+  LayerPacks packs_;
+};
+
+bool asks_for_points(const NetworkField& field) {
+  return field.options.cast == Cast::kPoint && !field.options.integrated();
 }
 
 }  // namespace
 
-// Not of a scene that moves: a cell would have to be asked at every moment.
 bool can_bake(const NetworkField& field, const ModelInfo& info) {
   if (field.options.deform.any()) return false;
-  if (field.options.cast == Cast::kPoint) return !field.options.integrated();
+  if (field.options.cast == Cast::kPoint) return asks_for_points(field);
   const bool even = field.options.sampling.spacing == Spacing::kUniform;
   return even && field.options.space == Space::kIdentity && !info.views.empty();
 }
@@ -179,13 +225,17 @@ bool can_bake(const NetworkField& field, const ModelInfo& info) {
 BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,
                               const Cancel* cancel) {
   NERF_CHECK(can_bake(field, info));
-  LayerPacks packs;
-  pack_layers(field.layers(), field.weights.data(), Precision::kAuto, packs, pool);
-  BakedOccupancy out;
-  const int last = field.options.sampling.levels() - 1;
-  out.last_ = bake_level(field, info, last, packs, pool, cancel);
-  if (field.networks.size() > 1) out.before_ = bake_level(field, info, 0, packs, pool, cancel);
-  return out;
+  return OccupancyBaker(field, info, BakedOccupancy::kSide, {}, pool, cancel).bake();
+}
+
+std::optional<BakedOccupancy> occupancy_at(const NetworkField& field, const ModelInfo& info,
+                                           Real time, int64_t rays, ThreadPool& pool,
+                                           const Cancel* cancel) {
+  constexpr int kSide = BakedOccupancy::kMomentSide;
+  if (!field.options.deform.any() || !asks_for_points(field) ||
+      !BakedOccupancy::pays(field, static_cast<uint64_t>(rays), kSide))
+    return std::nullopt;
+  return OccupancyBaker(field, info, kSide, time, pool, cancel).bake();
 }
 
 }  // namespace nerf::internal

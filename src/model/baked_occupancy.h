@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "nerf/base/cancel.h"
@@ -24,10 +26,15 @@ inline Real baked_cell_width(int side, int cascade) {
 // draws from the weights of the one before is sensitive to the faintest of them.
 class BakedOccupancy {
  public:
-  static constexpr int kSide = 128;  // cells across each grid
   static constexpr int kCascades = 2;
   static constexpr int kPoints = 2;  // asked for in each cell
-  static constexpr int64_t kCells = int64_t{kSide} * kSide * kSide;
+  // Cells across each grid: for all pictures of a scene that stands still, for one of a moment.
+  static constexpr int kSide = 128, kMomentSide = 64;
+
+  // Of the last level and of those before it, cells of one grid behind the other's, x fastest;
+  // before: empty where all levels share one network.
+  BakedOccupancy(int side, std::vector<uint8_t> last, std::vector<uint8_t> before)
+      : side_(side), last_(std::move(last)), before_(std::move(before)) {}
 
   // Whether the density of the last level, or of those before it, may be above 0 at p. True outside
   // the grids.
@@ -36,31 +43,36 @@ class BakedOccupancy {
     if (!(most < 2)) return true;
     const int cascade = most < 1 ? 0 : 1;
     const std::vector<uint8_t>& cells = last || before_.empty() ? last_ : before_;
-    return cells[static_cast<size_t>(cascade * kCells + cell_of(p, cascade))] != 0;
+    return cells[static_cast<size_t>(cascade * cells_of(side_) + cell_of(p, cascade))] != 0;
   }
   double occupied_fraction() const;  // of the last level
 
-  // Points that a bake asks a network for.
-  static constexpr int64_t kEvaluations = kPoints * (kCells + kCells * 7 / 8);
+  // Whether to find out saves more than half of the evaluations of so many rays.
+  static bool pays(const NetworkField& field, uint64_t rays, int side) {
+    const uint64_t points =
+        static_cast<uint64_t>(kPoints * (cells_of(side) + cells_of(side) * 7 / 8));
+    return rays * static_cast<uint64_t>(field.options.sampling.all_samples()) >
+           2 * field.networks.size() * points;
+  }
+  static constexpr int64_t cells_of(int side) { return int64_t{side} * side * side; }
 
  private:
-  friend BakedOccupancy bake_occupancy(const NetworkField&, const ModelInfo&, ThreadPool&,
-                                       const Cancel*);
-  static int64_t cell_of(const Vec3& p, int cascade) {
-    const Real scale = 1 / baked_cell_width(kSide, cascade);
+  int64_t cell_of(const Vec3& p, int cascade) const {
+    const Real scale = 1 / baked_cell_width(side_, cascade);
     int64_t at[3];
     for (int k = 0; k < 3; ++k)
-      at[k] = std::clamp<int64_t>(static_cast<int64_t>(std::floor(p[k] * scale)) + kSide / 2, 0,
-                                  kSide - 1);
-    return (at[2] * kSide + at[1]) * kSide + at[0];
+      at[k] = std::clamp<int64_t>(static_cast<int64_t>(std::floor(p[k] * scale)) + side_ / 2, 0,
+                                  side_ - 1);
+    return (at[2] * side_ + at[1]) * side_ + at[0];
   }
-  std::vector<uint8_t> last_, before_;  // before_: empty where all levels share one network
+  int side_;
+  std::vector<uint8_t> last_, before_;
 };
 
 // Points, and cones where neither space nor distance is warped and the photos' cameras are known:
 // around each point a Gaussian of a random photo's cone is asked for, as long as an interval of the
 // first level or shorter. (In warped space cells are too coarse beside its intervals to save
-// anything.)
+// anything.) Not of a scene that moves: a cell would have to be asked at every moment.
 bool can_bake(const NetworkField& field, const ModelInfo& info);
 
 // A cell counts as empty where none of its points, nor of its 26 neighbours', would stop as much as
@@ -68,5 +80,12 @@ bool can_bake(const NetworkField& field, const ModelInfo& info);
 // Throws Cancelled.
 BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,
                               const Cancel* cancel);
+
+// Of a scene that moves, as it is at `time`. No value where the scene stands still, where a point
+// is not what its method asks for, and where finding out does not pay in a picture of so many rays.
+// Throws Cancelled.
+std::optional<BakedOccupancy> occupancy_at(const NetworkField& field, const ModelInfo& info,
+                                           Real time, int64_t rays, ThreadPool& pool,
+                                           const Cancel* cancel);
 
 }  // namespace nerf::internal

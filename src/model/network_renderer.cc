@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "model/baked_occupancy.h"
 #include "model/network_integrator.h"
 #include "model/ray_layers.h"
 #include "nerf/base/error.h"
@@ -26,7 +27,9 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
   Frame frame{camera.width, camera.height, std::vector<Real>(static_cast<size_t>(3 * pixels)),
               std::vector<Real>(static_cast<size_t>(pixels)),
               std::vector<Real>(static_cast<size_t>(pixels))};
-  NetworkIntegrator integrator(field, radiance.baked(), options,
+  std::optional<BakedOccupancy> moment;
+  if (!options.unclipped) moment = occupancy_at(field, info, options.time, pixels, pool, cancel);
+  NetworkIntegrator integrator(field, moment ? &*moment : radiance.baked(), options,
                                oblique_box(info.to_engine, options.bbox),
                                engine_medium(radiance, options), pool);
   if (options.layers) frame.layers.resize(static_cast<size_t>(pixels), *options.layers);

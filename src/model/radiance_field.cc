@@ -49,11 +49,7 @@ RadianceField RadianceField::without_empty_cells() const {
 bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel) {
   using internal::BakedOccupancy;
   if (!network_ || !internal::can_bake(*network_, info_)) return false;
-  const uint64_t samples = static_cast<uint64_t>(network_->options.sampling.all_samples());
-  // Skipping saves more than half of a picture's evaluations.
-  const uint64_t asked =
-      network_->networks.size() * static_cast<uint64_t>(BakedOccupancy::kEvaluations);
-  if (!baked_ && pixels * samples > 2 * asked)
+  if (!baked_ && BakedOccupancy::pays(*network_, pixels, BakedOccupancy::kSide))
     baked_ =
         std::make_shared<BakedOccupancy>(internal::bake_occupancy(*network_, info_, pool, cancel));
   return baked_ != nullptr;
