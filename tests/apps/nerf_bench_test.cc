@@ -66,12 +66,14 @@ TEST(NerfBench, SceneWritesItsTableAndItsCurve) {
   EXPECT_NE(result.out.find("largest difference of PSNR"), std::string::npos) << result.out;
 
   // The same again from the run's folder alone, of one view at half the size.
-  const ProgramResult again =
-      run_program(NERF_BENCH_PROGRAM,
-                  {"render", (out / "m0.01_s1").string(), "--views", "1", "--downscale", "2"});
+  const ProgramResult again = run_program(
+      NERF_BENCH_PROGRAM,
+      {"render", (out / "m0.01_s1").string(), "--views", "1", "--downscale", "2", "--usual-only"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_NE(again.out.find("rendering 1 held-out views of m0.01_s1, 16x16"), std::string::npos)
       << again.out;
+  EXPECT_NE(again.out.find("mean PSNR "), std::string::npos) << again.out;
+  EXPECT_EQ(again.out.find("every skip off"), std::string::npos) << again.out;
 
   const std::vector<std::string> curve = lines_of(testing_apps::read_text(out / "quality.csv"));
   ASSERT_GE(curve.size(), 3u);  // a run that a busy machine draws out is evaluated on its way too
