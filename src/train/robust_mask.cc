@@ -18,6 +18,9 @@ constexpr Real kCertain = 0.1_r;
 // Weight of a tile beside another (across a corner its square), and the mean share of errors above
 // the threshold from which on a tile is out.
 constexpr Real kBeside = 0.5_r, kMany = 0.4_r;
+// The share of a tile's own errors from which on it is out beside one that is: what passes by ends
+// within tiles.
+constexpr Real kSome = 0.2_r;
 constexpr int64_t kMostTiles = 1 << 16;
 constexpr double kWarmUp = 0.1;  // Bernoulli schedule: share exp(-kWarmUp step) teaches anyway
 
@@ -55,7 +58,7 @@ int32_t RobustMask::tile_of(size_t source, int x, int y) const {
 }
 
 bool RobustMask::leaves_out(int32_t tile, Real error, int64_t step, Real chance) const {
-  if (tile < 0 || !(error > threshold_) || !is_out(tile)) return false;
+  if (tile < 0 || !(error > threshold_) || out_[static_cast<size_t>(tile)] == kIn) return false;
   if (!trusted_[static_cast<size_t>(photo_of_[static_cast<size_t>(tile)])]) return false;
   return static_cast<double>(chance) >= std::exp(-kWarmUp * static_cast<double>(step));
 }
@@ -97,7 +100,19 @@ void RobustMask::find_tiles(const Tiles& t) {
           sum += weight * share[v * t.width + u];
           weights += weight;
         }
-      out[y * t.width + x] = sum > kMany * weights;
+      out[y * t.width + x] = sum > kMany * weights ? kOut : kIn;
+    }
+}
+
+void RobustMask::grow_tiles(const Tiles& t) {
+  const Real* const share = outliers_.data() + t.first;
+  uint8_t* const out = out_.data() + t.first;
+  for (int y = 0; y < t.height; ++y)
+    for (int x = 0; x < t.width; ++x) {
+      if (out[y * t.width + x] != kIn || !(share[y * t.width + x] > kSome)) continue;
+      for (int v = std::max(0, y - 1); v <= std::min(t.height - 1, y + 1); ++v)
+        for (int u = std::max(0, x - 1); u <= std::min(t.width - 1, x + 1); ++u)
+          if (out[v * t.width + u] == kOut) out[y * t.width + x] = kBesideOut;
     }
 }
 
@@ -106,14 +121,15 @@ void RobustMask::find_photos() {
     const Tiles& t = tiles_[i];
     find_tiles(t);
     const auto begin = out_.begin() + t.first;
-    const auto out = std::count(begin, begin + t.width * t.height, uint8_t{1});
+    const auto out = std::count(begin, begin + t.width * t.height, uint8_t{kOut});
     trusted_[i] = static_cast<double>(out) <= kMostOfPhoto * t.width * t.height;
+    grow_tiles(t);
   }
 }
 
 void RobustMask::reset() {
   std::ranges::fill(outliers_, 0.0_r);
-  std::ranges::fill(out_, uint8_t{0});
+  std::ranges::fill(out_, uint8_t{kIn});
   std::ranges::fill(histogram_, 0.0_r);
   std::ranges::fill(trusted_, uint8_t{1});
   threshold_ = 1;

@@ -16,7 +16,8 @@ struct RayBatch;
 // Trimmed least squares (Sabour et al. 2023, section 4.2) for pixels that are drawn one by one: a
 // pixel is left out where its error is among the largest `share` of all recent ones and so are many
 // recent errors of its tile and the tiles around it, which take the place of the paper's patch:
-// what passes by has an outline, and parts that happen to look like what they hide. The histogram
+// what passes by has an outline, and parts that happen to look like what they hide. Beside such a
+// tile it takes some of the tile's own errors: what passes by ends within tiles. The histogram
 // of errors decays as in SpotLessSplats (Sabour et al. 2024, its robust filter), and pixels are
 // left out little by little from the first steps on. Of no photo more than kMostOfPhoto of its
 // tiles are left out: then its light is another, or its camera is wrong.
@@ -53,18 +54,20 @@ class RobustMask {
     int width = 0, height = 0;
     int32_t first = 0;
   };
-  bool is_out(int32_t tile) const { return out_[static_cast<size_t>(tile)] != 0; }
+  bool is_out(int32_t tile) const { return out_[static_cast<size_t>(tile)] == kOut; }
   void find_tiles(const Tiles& t);
+  void grow_tiles(const Tiles& t);
   void find_photos();
 
   double share_;
   int side_ = 8;  // of a tile, pixels
   std::vector<Tiles> tiles_;
-  std::vector<int32_t> photo_of_;  // of each tile
-  std::vector<uint8_t> trusted_;   // photos of which tiles may be left out
-  std::vector<Real> outliers_;     // running share of a tile's errors above the threshold
-  std::vector<uint8_t> out_;       // tiles around which they are many
-  std::vector<Real> histogram_;    // of errors, decaying
+  std::vector<int32_t> photo_of_;            // of each tile
+  std::vector<uint8_t> trusted_;             // photos of which tiles may be left out
+  std::vector<Real> outliers_;               // running share of a tile's errors above the threshold
+  enum : uint8_t { kIn, kOut, kBesideOut };  // kOut: around which they are many
+  std::vector<uint8_t> out_;                 // of each tile
+  std::vector<Real> histogram_;              // of errors, decaying
   Real threshold_ = 1;
 };
 

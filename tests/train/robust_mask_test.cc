@@ -90,6 +90,24 @@ TEST(RobustMask, TilesFollowThoseAroundThem) {
   EXPECT_TRUE(mask.leaves_out(mask.tile_of(1, kTile, kTile), 0.3_r, kLate, 0.5_r));
 }
 
+// Its corner, with less than half of the errors of the tiles around, is out for the errors of its
+// own; details elsewhere are not.
+TEST(RobustMask, WhatPassesByEndsWithinTiles) {
+  const Photos p;
+  RobustMask mask(p.photos, p.views, 0.2);
+  const auto is_in = [](size_t photo, int x, int y) {
+    return photo == 1 ? x < 28 && y < 24 : photo == 0 && x >= 40 && x < 44 && y >= 8 && y < 16;
+  };
+  observe(mask, 30,
+          [&](size_t photo, int x, int y) { return is_in(photo, x, y) ? 0.3_r : 0.02_r; });
+  EXPECT_TRUE(mask.leaves_out(mask.tile_of(1, 25, 20), 0.3_r, kLate, 0.5_r));
+  EXPECT_FALSE(mask.is_left_out(1, 25, 20));  // most of it is right
+  EXPECT_FALSE(mask.leaves_out(mask.tile_of(1, 30, 20), 0.02_r, kLate, 0.5_r));
+  EXPECT_FALSE(mask.is_left_out(1, 32, 20));
+  EXPECT_FALSE(mask.is_left_out(1, 20, 24));
+  EXPECT_FALSE(mask.is_left_out(0, 41, 10));
+}
+
 TEST(RobustMask, BeginsLittleByLittle) {
   const Photos p;
   RobustMask mask(p.photos, p.views, 0.1);
