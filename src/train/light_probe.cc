@@ -188,7 +188,6 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   constexpr double kUnlikeExposures = 0.2, kLeastSmooth = 0.3;  // together
   constexpr int kAppearance = 16;
   constexpr double kPointDepth = 0.1, kPointDepthLoss = 1;
-  constexpr double kReserve = 1.25;  // of a share that is left out
   const double spread = probe.exposure_spread.value_or(0);
   const double elsewhere = probe.smooth_elsewhere.value_or(0);
   const bool unlike_days = spread > kUnlikeDays;
@@ -199,7 +198,7 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   LightRecipe& light = options.grid_recipe.light;
   if (light.appearance.automatic) light.appearance = {false, unlike ? kAppearance : 0};
   if (light.robust.automatic) {
-    const double share = probe.passes() ? rounded(kReserve * *probe.passing_share) : 0;
+    const double share = probe.passes() ? rounded(*probe.passing_share) : 0;
     light.robust = {false, std::min(share, ShareLimit::kMost)};
   }
   const double exif = probe.shown.trusted_factor().value_or(0);

@@ -144,11 +144,11 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   EXPECT_EQ(days.grid_recipe.light.robust, (AutoShare{false, 0}));
   TrainOptions people;  // of whom most of the even error is
   resolve_light({0.3, 0.64, 0.27, 0.24}, people);
-  EXPECT_EQ(people.grid_recipe.light.robust, (AutoShare{false, 0.3}));
+  EXPECT_EQ(people.grid_recipe.light.robust, (AutoShare{false, 0.24}));
   EXPECT_EQ(people.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(people.grid_recipe.light.colour_correction, Switch::kOff);
   TrainOptions crowd;
-  resolve_light({{}, 0.6, 0.2, 0.45}, crowd);
+  resolve_light({{}, 0.6, 0.2, 0.55}, crowd);
   EXPECT_EQ(crowd.grid_recipe.light.robust, (AutoShare{false, 0.5}));
   TrainOptions said = options_with(0, Switch::kOff, 1);
   said.grid_recipe.light.robust = {false, 0};
