@@ -1,5 +1,5 @@
 // Rays whose light is looked for: their pixels as a function of the code alone. Where matter is
-// does not depend on it, so that a network field is asked for that once.
+// does not depend on it, so that a field is asked for that once; a field in a medium every time.
 #pragma once
 
 #include <memory>

@@ -6,7 +6,6 @@
 #include <optional>
 #include <vector>
 
-#include "model/baked_occupancy.h"
 #include "model/network_integrator.h"
 #include "model/ray_layers.h"
 #include "nerf/base/error.h"
@@ -14,9 +13,9 @@
 
 namespace nerf::internal {
 
-Frame render_network(const RadianceField& radiance, const Camera& camera,
-                     const Pose& camera_to_world, const RenderOptions& options,
-                     const ObjectPixels& objects, ThreadPool& pool,
+Frame render_network(const RadianceField& radiance, const BakedOccupancy* occupancy,
+                     const Camera& camera, const Pose& camera_to_world,
+                     const RenderOptions& options, const ObjectPixels& objects, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel) {
   NERF_CHECK(camera.width > 0 && camera.height > 0);
   const NetworkField& field = radiance.network();
@@ -27,10 +26,7 @@ Frame render_network(const RadianceField& radiance, const Camera& camera,
   Frame frame{camera.width, camera.height, std::vector<Real>(static_cast<size_t>(3 * pixels)),
               std::vector<Real>(static_cast<size_t>(pixels)),
               std::vector<Real>(static_cast<size_t>(pixels))};
-  std::optional<BakedOccupancy> moment;
-  if (!options.unclipped) moment = occupancy_at(field, info, options.time, pixels, pool, cancel);
-  NetworkIntegrator integrator(field, moment ? &*moment : radiance.baked(), options,
-                               oblique_box(info.to_engine, options.bbox),
+  NetworkIntegrator integrator(field, occupancy, options, oblique_box(info.to_engine, options.bbox),
                                engine_medium(radiance, options), pool);
   if (options.layers) frame.layers.resize(static_cast<size_t>(pixels), *options.layers);
   std::mutex mutex;

@@ -12,7 +12,11 @@
 
 namespace nerf::internal {
 
-Frame render_network(const RadianceField& field, const Camera& camera, const Pose& camera_to_world,
+class BakedOccupancy;
+
+// occupancy: of the picture's moment; may be null.
+Frame render_network(const RadianceField& field, const BakedOccupancy* occupancy,
+                     const Camera& camera, const Pose& camera_to_world,
                      const RenderOptions& options, const ObjectPixels& objects, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel);
 

@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "model/appearance.h"
+#include "model/baked_occupancy.h"
 #include "model/moment_occupancy.h"
 #include "model/network_renderer.h"
 #include "model/object_pixels.h"
@@ -176,11 +177,17 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto medium = internal::engine_medium(radiance, options);
   std::optional<OccupancyGrid> occupancy;
+  std::optional<internal::BakedOccupancy> baked;
   std::optional<internal::MotionLattice> lattice;
-  if (radiance.is_grid() && radiance.field().moves() && !options.unclipped) {
-    lattice.emplace(radiance.grid(), options.time);
-    occupancy = internal::occupancy_at(radiance.grid(), options.precision, options.time,
-                                       int64_t{n} * n * camera.width * camera.height, pool, cancel);
+  const int64_t rays = int64_t{n} * n * camera.width * camera.height;
+  if (radiance.field().moves() && !options.unclipped) {
+    if (radiance.is_grid()) {
+      lattice.emplace(radiance.grid(), options.time);
+      occupancy = internal::occupancy_at(radiance.grid(), options.precision, options.time, rays,
+                                         pool, cancel);
+    } else {
+      baked = internal::occupancy_at(radiance.network(), info, options.time, rays, pool, cancel);
+    }
   }
   const auto draw = [&](const Insertion* inserted, const RenderOptions& chosen,
                         const std::function<void(double)>& progress) {
@@ -196,8 +203,8 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
                              lattice ? &*lattice : nullptr},
                             info, part, camera_to_world, chosen, objects, medium, pool, at, cancel)
                     .render(n)
-              : internal::render_network(radiance, part, camera_to_world, chosen, objects, pool, at,
-                                         cancel);
+              : internal::render_network(radiance, baked ? &*baked : radiance.baked(), part,
+                                         camera_to_world, chosen, objects, pool, at, cancel);
       if (inserted) inserted->finish(objects, part, to_engine, chosen, pool, picture);
       return picture;
     };

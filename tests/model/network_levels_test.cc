@@ -255,6 +255,12 @@ TEST(BakedMoments, SkipWhatIsEmpty) {
       sum += static_cast<double>(skipped.alpha[i]) * static_cast<double>(i % 160);
     }
     EXPECT_LT(largest, 0.02);  // as above
+    // In parts: found out once for all of them.
+    as_usual.supersample = off.supersample = 2;
+    const Camera half = test::pinhole(80, 60, 65);
+    const Frame finer = render(model, half, pose, as_usual, pool);
+    EXPECT_LT(finer.statistics.density_evaluations,
+              render(model, half, pose, off, pool).statistics.density_evaluations / 2);
     places[moment] = sum / light;
   }
   // -0.6 / 2.5 of the focal length, a little more for what is nearer.
