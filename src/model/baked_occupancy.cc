@@ -16,35 +16,7 @@ namespace nerf::internal {
 namespace {
 
 constexpr Real kEmptyThickness = 1e-3_r;  // optical, of a cell's width
-
-// Each cell becomes the largest of itself and its neighbours along one axis.
-void grow(std::vector<uint8_t>& cells, int64_t n, int64_t first, int64_t stride, ThreadPool& pool) {
-  pool.parallel_for(n, [&](int64_t a) {
-    std::vector<uint8_t> line(static_cast<size_t>(n));
-    for (int64_t b = 0; b < n; ++b) {
-      // The two other axes, whichever they are.
-      const int64_t low = stride == 1 ? n : 1, high = stride == n * n ? n : n * n;
-      const int64_t begin = first + a * low + b * high;
-      for (int64_t i = 0; i < n; ++i)
-        line[static_cast<size_t>(i)] = cells[static_cast<size_t>(begin + i * stride)];
-      for (int64_t i = 0; i < n; ++i) {
-        uint8_t most = line[static_cast<size_t>(i)];
-        if (i > 0) most |= line[static_cast<size_t>(i - 1)];
-        if (i + 1 < n) most |= line[static_cast<size_t>(i + 1)];
-        cells[static_cast<size_t>(begin + i * stride)] = most;
-      }
-    }
-  });
-}
-
-}  // namespace
-
-double BakedOccupancy::occupied_fraction() const {
-  return static_cast<double>(std::ranges::count(last_, uint8_t{1})) /
-         static_cast<double>(last_.size());
-}
-
-namespace {
+constexpr int kPoints = 2;                // asked for in each cell
 
 // Rays from the photos' cameras to points of the cells.
 class Viewpoints {
@@ -100,14 +72,13 @@ class OccupancyBaker {
     pack_layers(field.layers(), field.weights.data(), Precision::kAuto, packs_, pool);
   }
 
-  BakedOccupancy bake() {
+  MatterCells bake() {
     std::vector<uint8_t> last = bake_level(field_.options.sampling.levels() - 1), before;
     if (field_.networks.size() > 1) before = bake_level(0);
     return {side_, std::move(last), std::move(before)};
   }
 
  private:
-  static constexpr int kPoints = BakedOccupancy::kPoints;
   static constexpr int kBlock = 256;  // points of a network call
   static constexpr int kCellsPerBlock = kBlock / kPoints;
 
@@ -134,17 +105,17 @@ class OccupancyBaker {
 
   // Of one level's network.
   std::vector<uint8_t> bake_level(int level) {
-    const int64_t n = side_, all = BakedOccupancy::cells_of(side_);
-    std::vector<uint8_t> out(static_cast<size_t>(BakedOccupancy::kCascades * all), 0);
+    const int64_t all = MatterCells::cells_of(side_);
+    std::vector<uint8_t> out(static_cast<size_t>(MatterCells::kCascades * all), 0);
     std::vector<std::unique_ptr<Worker>> workers(static_cast<size_t>(pool_.size()));
-    for (int cascade = 0; cascade < BakedOccupancy::kCascades; ++cascade) {
+    for (int cascade = 0; cascade < MatterCells::kCascades; ++cascade) {
       pool_.parallel_for_thread(all / kCellsPerBlock, [&](int64_t block, int thread) {
         if (cancel_ && cancel_->requested()) throw Cancelled();
         auto& own = workers[static_cast<size_t>(thread)];
         if (!own) own = std::make_unique<Worker>(field_, level, packs_, time_);
         ask(cascade, block, *own, out.data() + cascade * all);
       });
-      for (int64_t stride : {int64_t{1}, n, n * n}) grow(out, n, cascade * all, stride, pool_);
+      MatterCells::grow(out, side_, cascade * all, pool_);
     }
     return out;
   }
@@ -152,7 +123,7 @@ class OccupancyBaker {
   // Marks the block's cells that hold matter. out: of the cascade.
   void ask(int cascade, int64_t block, Worker& own, uint8_t* out) const {
     const int64_t n = side_, border = n / 4;
-    const Real w = baked_cell_width(side_, cascade);
+    const Real w = MatterCells::width(side_, cascade);
     const Real way = is_cone() ? viewpoints_.longest() : w;
     Chunk& c = own.chunk;
     int64_t cells[kCellsPerBlock];
@@ -215,6 +186,13 @@ bool asks_for_points(const NetworkField& field) {
 
 }  // namespace
 
+bool baking_pays(const NetworkField& field, uint64_t rays, int side) {
+  const int64_t cells = MatterCells::cells_of(side);
+  const uint64_t points = static_cast<uint64_t>(kPoints * (cells + cells * 7 / 8));
+  return rays * static_cast<uint64_t>(field.options.sampling.all_samples()) >
+         2 * field.networks.size() * points;
+}
+
 bool can_bake(const NetworkField& field, const ModelInfo& info) {
   if (field.options.deform.any()) return false;
   if (field.options.cast == Cast::kPoint) return asks_for_points(field);
@@ -222,20 +200,18 @@ bool can_bake(const NetworkField& field, const ModelInfo& info) {
   return even && field.options.space == Space::kIdentity && !info.views.empty();
 }
 
-BakedOccupancy bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,
-                              const Cancel* cancel) {
+MatterCells bake_occupancy(const NetworkField& field, const ModelInfo& info, ThreadPool& pool,
+                           const Cancel* cancel) {
   NERF_CHECK(can_bake(field, info));
-  return OccupancyBaker(field, info, BakedOccupancy::kSide, {}, pool, cancel).bake();
+  return OccupancyBaker(field, info, kBakedSide, {}, pool, cancel).bake();
 }
 
-std::optional<BakedOccupancy> occupancy_at(const NetworkField& field, const ModelInfo& info,
-                                           Real time, int64_t rays, ThreadPool& pool,
-                                           const Cancel* cancel) {
-  constexpr int kSide = BakedOccupancy::kMomentSide;
+std::optional<MatterCells> occupancy_at(const NetworkField& field, const ModelInfo& info, Real time,
+                                        int64_t rays, ThreadPool& pool, const Cancel* cancel) {
   if (!field.options.deform.any() || !asks_for_points(field) ||
-      !BakedOccupancy::pays(field, static_cast<uint64_t>(rays), kSide))
+      !baking_pays(field, static_cast<uint64_t>(rays), kMomentSide))
     return std::nullopt;
-  return OccupancyBaker(field, info, kSide, time, pool, cancel).bake();
+  return OccupancyBaker(field, info, kMomentSide, time, pool, cancel).bake();
 }
 
 }  // namespace nerf::internal

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/baked_occupancy.h"
+#include "model/matter_cells.h"
 
 namespace nerf::internal {
 
-NetworkIntegrator::NetworkIntegrator(const NetworkField& field, const BakedOccupancy* occupancy,
+NetworkIntegrator::NetworkIntegrator(const NetworkField& field, const MatterCells* occupancy,
                                      const RenderOptions& options,
                                      const std::optional<ObliqueBox>& box,
                                      const std::optional<EngineMedium>& medium, ThreadPool& pool)

@@ -10,12 +10,12 @@
 
 namespace nerf::internal {
 
-class BakedOccupancy;
+class MatterCells;
 
 class NetworkIntegrator final : public FieldIntegrator {
  public:
   // `occupancy` may be null: nothing is skipped. The field must outlive this.
-  NetworkIntegrator(const NetworkField& field, const BakedOccupancy* occupancy,
+  NetworkIntegrator(const NetworkField& field, const MatterCells* occupancy,
                     const RenderOptions& options, const std::optional<ObliqueBox>& box,
                     const std::optional<EngineMedium>& medium, ThreadPool& pool);
 
@@ -42,7 +42,7 @@ class NetworkIntegrator final : public FieldIntegrator {
                  std::vector<DeepSample>& deep) const;
 
   const NetworkField& field_;
-  const BakedOccupancy* occupancy_;
+  const MatterCells* occupancy_;
   std::optional<ObliqueBox> box_;
   std::optional<EngineMedium> medium_;
   std::vector<Real> code_;  // of the pictures' light; empty: the field's default

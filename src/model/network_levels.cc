@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "model/matter_memory.h"
 #include "nerf/base/error.h"
 #include "nerf/parts/losses.h"
 
@@ -92,11 +93,16 @@ uint64_t NetworkLevels::memory_bytes(const NetworkOptions& options, int rays, bo
   return floats * sizeof(Real);
 }
 
+void NetworkLevels::skip_empty(internal::MatterMemory* memory) {
+  memory_ = memory;
+  occupancy_ = memory ? &memory->cells() : nullptr;
+}
+
 bool NetworkLevels::can_skip() const { return levels_.back()->probe != nullptr; }
 
 void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip) {
   rays_ = rays;
-  dense_ = all_ = 0;
+  dense_ = all_ = unasked_ = 0;
   moments_.begin();
   for (size_t l = 0; l < levels_.size(); ++l) {
     Level& level = *levels_[l];
@@ -115,28 +121,30 @@ void NetworkLevels::forward(std::span<NetworkRay> rays, Real exponent, bool skip
     level.chunk.loss = 0;
     if (field_.options.deform.any()) level.tape.open(field_.windows);
     place_rays(level);
-    const bool in_picture = !training_ && (occupancy_ || cut_);
-    level.skipped = in_picture || (skip && level.probe);
-    if (in_picture) {
-      place_drawn(level, samples);
-    } else if (level.skipped) {
-      if (field_.options.deform.any()) level.probe->open(field_.windows);
-      place_samples(level, samples, *level.probe, *level.probe_chunk);
-      level.probe->forward_weights(*level.probe_chunk);
-      count_dense(*level.probe, *level.probe_chunk);
-      keep_dense(level);
-    } else {
-      place_samples(level, samples, level.tape, level.chunk);
-    }
+    level.packed = occupancy_ || cut_;
+    level.probed = skip && level.probe;
+    NetworkTape& asked = level.probed ? *level.probe : level.tape;
+    Chunk& chunk = level.probed ? *level.probe_chunk : level.chunk;
+    if (level.probed && field_.options.deform.any()) asked.open(field_.windows);
+    if (level.packed)
+      place_packed(level, samples, asked, chunk);
+    else
+      place_samples(level, samples, asked, chunk);
+    if (level.probed) asked.forward_weights(chunk);
+    if (level.probed) keep_dense(level);
     // A picture needs the last level's colours only, and of a level that learns nothing samples are
     // drawn from the weights.
     if (training_ ? level.tape.learns() : l + 1 == levels_.size())
       level.tape.forward(level.chunk);
     else
       level.tape.forward_weights(level.chunk);
-    if (in_picture) spread_weights(level, samples);
-    if (!training_ && !in_picture) all_ += level.chunk.samples, dense_ += level.chunk.samples;
-    if (level.probe && !level.skipped) count_dense(level.tape, level.chunk);
+    if (level.packed) spread_weights(level, samples, asked, chunk);
+    if (memory_) mark(level, asked, chunk);
+    if (!training_)
+      dense_ += chunk.samples, all_ += static_cast<int64_t>(rays.size()) * samples;
+    else if (level.probe)
+      count_dense(asked, chunk);
+    unasked_ += static_cast<int64_t>(rays.size()) * samples - chunk.samples;
   }
 }
 
@@ -179,7 +187,7 @@ double NetworkLevels::losses_on_weights(size_t l) {
     }
   }
   Real* gradient = level.chunk.data(level.tape.weight_gradient);
-  if (level.skipped)  // those without density get none
+  if (level.skipped())  // those without density get none
     for (size_t i = 0; i < level.kept.size(); ++i)
       gradient[i] = gradient_of_all_[static_cast<size_t>(level.kept[i])];
   else
@@ -215,8 +223,8 @@ void NetworkLevels::colours(int ray, std::vector<Real>& rgb) const {
   const int64_t lc = last.chunk.stride(last.tape.colour);
   const Real* colour = last.chunk.data(last.tape.colour);
   for (int i = last.chunk.ray_begin[r]; i < last.chunk.ray_begin[r + 1]; ++i) {
-    const size_t of_all = last.skipped ? static_cast<size_t>(last.kept[static_cast<size_t>(i)])
-                                       : static_cast<size_t>(i);
+    const size_t of_all = last.skipped() ? static_cast<size_t>(last.kept[static_cast<size_t>(i)])
+                                         : static_cast<size_t>(i);
     for (size_t k = 0; k < 3; ++k)
       rgb[3 * (of_all - r * n) + k] = colour[static_cast<int64_t>(k) * lc + i];
   }
@@ -251,8 +259,10 @@ std::span<const Real> NetworkLevels::weights(int level, int ray) const {
   const Level& l = *levels_[static_cast<size_t>(level)];
   const size_t n = static_cast<size_t>(samples(level));
   const Real* all = l.chunk.data(l.tape.weights);
-  if (l.skipped)
-    all = training_ ? std::as_const(*l.probe_chunk).data(l.probe->weights) : l.all_weights.data();
+  if (l.packed)
+    all = l.all_weights.data();
+  else if (l.probed)
+    all = std::as_const(*l.probe_chunk).data(l.probe->weights);
   return {all + static_cast<size_t>(ray) * n, n};
 }
 

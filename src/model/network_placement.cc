@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "model/baked_occupancy.h"
+#include "model/matter_memory.h"
 #include "model/sample_gaussian.h"
 #include "nerf/math/contraction.h"
 #include "nerf/model/network_levels.h"
@@ -131,43 +131,63 @@ void NetworkLevels::keep_dense(Level& level) {
   move_rows(from.delta, to.delta);
   move_rows(from.noise, to.noise);
   to.place_axes(c);
+  if (!level.packed) return;
+  for (int& column : level.kept) column = level.asked[static_cast<size_t>(column)];
 }
 
-// Only the samples that may meet matter in the part of the ray that is drawn, packed.
-void NetworkLevels::place_drawn(Level& level, int samples) {
-  Chunk& c = level.chunk;
+// Whether a sample at a position (warped, where the field is) may meet matter in the part of the
+// ray that is drawn.
+bool NetworkLevels::asks_for(const NetworkRay& ray, const Sample& sample, const Vec3& at,
+                             bool last) const {
+  if (cut_ && !(sample.delta > 0)) return false;
+  return ray.everywhere || !occupancy_ || occupancy_->may_hold(at, last);
+}
+
+// Only the samples that are asked for, side by side.
+void NetworkLevels::place_packed(Level& level, int samples, const NetworkTape& tape, Chunk& c) {
   const bool warped = field_.options.space == Space::kContract;
   const bool is_last = &level == levels_.back().get();
-  level.kept.clear();
-  level.dense_begin.assign(rays_.size() + 1, 0);
+  level.asked.clear();
+  level.cells.clear();
+  level.packed_begin.assign(rays_.size() + 1, 0);
   each_sample(level, samples, [&](Sample s) {
-    const NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
+    NetworkRay& ray = rays_[static_cast<size_t>(s.ray)];
     if (cut_) {
       const Real from = std::max(s.t0, ray.drawn_from);
       const Real to = std::min(s.t0 + s.delta / ray.length, ray.drawn_to);
       s.delta = std::max(0.0_r, (to - from) * ray.length);
     }
     const Vec3 p = ray.origin + ray.direction * (0.5_r * (s.t0 + s.t1));
+    const Vec3 at = warped ? contract(p) : p;
     const bool end = field_.options.opaque_end && (s.column + 1) % samples == 0;
-    const bool drawn = s.delta > 0 || !cut_;
-    if (end ||
-        (drawn && (!occupancy_ || occupancy_->may_hold(warped ? contract(p) : p, is_last)))) {
-      place_sample(ray, s, static_cast<int>(level.kept.size()), level.tape, c);
-      level.kept.push_back(s.column);
+    if (end || asks_for(ray, s, at, is_last)) {
+      const int column = static_cast<int>(level.asked.size());
+      place_sample(ray, s, column, tape, c);
+      if (tape.noise >= 0) c.data(tape.noise)[column] = losses_.density_noise * ray.random.normal();
+      if (memory_) level.cells.push_back(internal::MatterMemory::cell_of(at));
+      level.asked.push_back(s.column);
     }
-    level.dense_begin[static_cast<size_t>(s.ray) + 1] = static_cast<int32_t>(level.kept.size());
+    level.packed_begin[static_cast<size_t>(s.ray) + 1] = static_cast<int32_t>(level.asked.size());
   });
-  c.samples = static_cast<int>(level.kept.size());
-  c.ray_begin = level.dense_begin.data();
+  c.rays = static_cast<int>(rays_.size());
+  c.samples = static_cast<int>(level.asked.size());
+  c.ray_begin = level.packed_begin.data();
+  tape.place_axes(c);
+  level.kept = level.asked;
 }
 
-void NetworkLevels::spread_weights(Level& level, int samples) {
+void NetworkLevels::spread_weights(Level& level, int samples, const NetworkTape& tape,
+                                   const Chunk& c) {
   level.all_weights.assign(rays_.size() * static_cast<size_t>(samples), 0.0_r);
-  const Real* w = std::as_const(level.chunk).data(level.tape.weights);
-  for (size_t i = 0; i < level.kept.size(); ++i)
-    level.all_weights[static_cast<size_t>(level.kept[i])] = w[i];
-  dense_ += static_cast<int64_t>(level.kept.size());
-  all_ += static_cast<int64_t>(level.all_weights.size());
+  const Real* w = c.data(tape.weights);
+  for (size_t i = 0; i < level.asked.size(); ++i)
+    level.all_weights[static_cast<size_t>(level.asked[i])] = w[i];
+}
+
+void NetworkLevels::mark(const Level& level, const NetworkTape& tape, const Chunk& c) {
+  each_needed(
+      tape, c, [&](int column) { memory_->mark(level.cells[static_cast<size_t>(column)]); },
+      [](int) {});
 }
 
 }  // namespace nerf

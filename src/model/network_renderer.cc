@@ -13,7 +13,7 @@
 
 namespace nerf::internal {
 
-Frame render_network(const RadianceField& radiance, const BakedOccupancy* occupancy,
+Frame render_network(const RadianceField& radiance, const MatterCells* occupancy,
                      const Camera& camera, const Pose& camera_to_world,
                      const RenderOptions& options, const ObjectPixels& objects, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel) {

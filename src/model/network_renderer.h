@@ -12,12 +12,12 @@
 
 namespace nerf::internal {
 
-class BakedOccupancy;
+class MatterCells;
 
 // occupancy: of the picture's moment; may be null.
-Frame render_network(const RadianceField& field, const BakedOccupancy* occupancy,
-                     const Camera& camera, const Pose& camera_to_world,
-                     const RenderOptions& options, const ObjectPixels& objects, ThreadPool& pool,
+Frame render_network(const RadianceField& field, const MatterCells* occupancy, const Camera& camera,
+                     const Pose& camera_to_world, const RenderOptions& options,
+                     const ObjectPixels& objects, ThreadPool& pool,
                      const std::function<void(double)>& progress, const Cancel* cancel);
 
 }  // namespace nerf::internal

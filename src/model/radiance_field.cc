@@ -47,11 +47,11 @@ RadianceField RadianceField::without_empty_cells() const {
 }
 
 bool RadianceField::bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel) {
-  using internal::BakedOccupancy;
+  using internal::MatterCells;
   if (!network_ || !internal::can_bake(*network_, info_)) return false;
-  if (!baked_ && BakedOccupancy::pays(*network_, pixels, BakedOccupancy::kSide))
+  if (!baked_ && internal::baking_pays(*network_, pixels, internal::kBakedSide))
     baked_ =
-        std::make_shared<BakedOccupancy>(internal::bake_occupancy(*network_, info_, pool, cancel));
+        std::make_shared<MatterCells>(internal::bake_occupancy(*network_, info_, pool, cancel));
   return baked_ != nullptr;
 }
 

@@ -177,7 +177,7 @@ Frame render(const RadianceField& radiance, const Camera& camera, const Pose& ca
   const RenderOptions drawn = options.layers ? for_layers(options) : options;
   const auto medium = internal::engine_medium(radiance, options);
   std::optional<OccupancyGrid> occupancy;
-  std::optional<internal::BakedOccupancy> baked;
+  std::optional<internal::MatterCells> baked;
   std::optional<internal::MotionLattice> lattice;
   const int64_t rays = int64_t{n} * n * camera.width * camera.height;
   if (radiance.field().moves() && !options.unclipped) {

@@ -186,10 +186,18 @@ void shrink_motion(TrainOptions& o, int width, int share) {
   d.skip = std::min(d.skip, d.depth);
   d.sheet_width = width / 2;
   NetworkRecipe& r = o.recipe;
+  if (d.code == 0) {
+    // Found from time itself, with few frequencies: with the paper's ten what is seen first blocks
+    // what moves, unless a curriculum leads there (docs/methods/dnerf.md).
+    d.width = 2 * width;
+    d.depth = 4;
+    d.skip = 0;
+    d.degrees = d.time_degrees = 4;
+    r.curriculum_steps = 0;
+  }
   for (int* steps : {&r.window_steps, &r.ambient_start, &r.ambient_steps, &r.elastic_steps,
                      &r.elastic_fall_steps})
     *steps /= share;
-  r.curriculum_steps = std::min(r.curriculum_steps, 20000 / share);
   r.still_points = 512;
 }
 
@@ -213,6 +221,8 @@ void shrink(TrainOptions& o, int width, int rays) {
   o.recipe.crop_steps = std::min(o.recipe.crop_steps, 100);
   o.warmup_steps = std::min(o.warmup_steps, 128);
   o.recipe.negligible = 1e-4_r;
+  // A softplus leaves a little density everywhere: not measured there.
+  if (n.density == DensityActivation::kRelu) o.recipe.empty_steps = 256;
   // What is learnt first counts a hundred times as much as what is not yet, and the rest is called
   // transient: a few thousand steps do not undo that (docs/methods/nerfw.md).
   o.recipe.least_deviation = std::max(o.recipe.least_deviation, 0.3_r);

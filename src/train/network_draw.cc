@@ -57,6 +57,7 @@ std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay
 
 void NetworkTrainer::draw() {
   constexpr int64_t kBlock = 64;
+  constexpr size_t kWatched = 8;  // one of so many rays looks for matter in empty cells
   open_windows();
   rays.resize(given.empty() ? static_cast<size_t>(options.recipe.rays) : given.size());
   drawn.resize(rays.size());
@@ -72,6 +73,7 @@ void NetworkTrainer::draw() {
       drawn[i] = line.has_value();
       rays[i] = line ? cast : NetworkRay{};
       rays[i].random = random;
+      rays[i].everywhere = i % kWatched == 0;
       if (open && line) lines[i] = *line;
     }
   });

@@ -78,7 +78,8 @@ uint64_t NetworkTrainer::memory_bytes(const TrainOptions& o, bool /*unbounded*/,
   const uint64_t worker = NetworkLevels::memory_bytes(o.network, rays, true, losses_of(o.recipe));
   // Besides the field's weights: again with gradient and moments while a checkpoint is read or a
   // model saved.
-  return (1 + 1 + DenseParameters::kArrays) * weights * sizeof(Real) +
+  const uint64_t memory = o.recipe.empty_steps > 0 ? internal::MatterMemory::memory_bytes() : 0;
+  return memory + (1 + 1 + DenseParameters::kArrays) * weights * sizeof(Real) +
          DenseParameters::memory_bytes(weights, accumulators) +
          static_cast<uint64_t>(threads) * worker +
          static_cast<uint64_t>(o.recipe.rays) * sizeof(NetworkRay);
@@ -112,6 +113,8 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   if (o.network.space == Space::kNdc) field.ndc = ndc_frame(s, p);
   field.initialise(seed());
   dense->pack(options.precision, pool);
+  if (o.recipe.empty_steps > 0)
+    memory = std::make_unique<internal::MatterMemory>(o.recipe.empty_steps);
   workers = make_workers(losses_of(o.recipe));
   still.use_packs(&dense->packs());
   open_windows();
@@ -127,6 +130,7 @@ NetworkTrainer::Workers NetworkTrainer::make_workers(const NetworkLosses& losses
     made.push_back(
         std::make_unique<NetworkLevels>(field, rays_per_chunk, /*training=*/true, losses));
     made.back()->use_packs(&dense->packs());
+    if (made.back()->can_skip()) made.back()->skip_empty(memory.get());
   }
   return made;
 }
@@ -229,6 +233,7 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
       levels.forward(part, exponent, skip);
       s.dense += levels.dense_samples();
       s.all += levels.all_samples();
+      s.unasked += levels.unasked_samples();
       if (open) set_gradient(begin, part.size(), levels);
       s.loss += levels.backward(gradient);
       for (size_t r = 0; r < part.size(); ++r) {
@@ -245,17 +250,18 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
   });
 
   HeadSums out;
-  int64_t skipped = 0;
+  int64_t skipped = 0, unasked = 0;
   for (const Sums& s : sums) {
     report.loss += s.loss;
     out.squared_error += s.squared_error;
     out.opacity += s.opacity;
     skipped += s.all - s.dense;
+    unasked += s.unasked;
   }
   report.rays = std::ranges::count(drawn, uint8_t{1});
   out.squared_error /= 3 * static_cast<double>(std::max<int64_t>(report.rays, 1));
   // Those that a network saw forward and backward.
-  report.samples = report.rays * field.options.sampling.all_samples();
+  report.samples = report.rays * field.options.sampling.all_samples() - unasked;
   if (skip) report.samples -= skipped;
   return out;
 }
@@ -277,7 +283,12 @@ void NetworkTrainer::observe(const StepReport& /*report*/, const PhaseSeconds& /
   dense_share = all > 0 ? static_cast<double>(dense_samples) / static_cast<double>(all) : 1;
 }
 
+void NetworkTrainer::refresh() {
+  if (memory) memory->advance(done, pool);
+}
+
 void NetworkTrainer::begin_anew() {
+  if (memory) memory->forget();
   dense_share = 1;
   dense->forget();
   field.initialise(seed());
@@ -298,6 +309,7 @@ void visit_arrays(T& t, Visit&& visit) {
   visit("networks", t.field.weights.span());
   visit("networks_m", t.dense->m.span());
   visit("networks_v", t.dense->v.span());
+  if (t.memory) visit("matter_ages", t.memory->state());
 }
 
 }  // namespace
@@ -314,6 +326,7 @@ void NetworkTrainer::load_state(const internal::ContainerReader& file,
                                 const internal::JsonFields& scalars) {
   visit_arrays(*this, [&](const char* name, auto values) { file.read(name, values); });
   dense_share = scalars.number("dense_share");
+  if (memory) memory->look(pool);
   dense->pack(options.precision, pool);
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "model/matter_memory.h"
 #include "nerf/base/aligned.h"
 #include "nerf/model/network_field.h"
 #include "nerf/model/network_levels.h"
@@ -33,6 +34,7 @@ struct NetworkTrainer final : TrainerImpl {
   void render() override;
   AdamStep dense_step() const override;
   void observe(const StepReport& report, const PhaseSeconds& seconds) override;
+  void refresh() override;
   void begin_anew() override;
   RadianceField snapshot(ModelInfo info) const override;
   void save_state(internal::ContainerWriter& file, nlohmann::ordered_json& scalars) const override;
@@ -62,10 +64,11 @@ struct NetworkTrainer final : TrainerImpl {
   std::vector<int32_t> listed;  // and which of its pixels is a ray's; below 0: none
   struct Sums {
     double loss = 0, squared_error = 0, opacity = 0;
-    int64_t dense = 0, all = 0;  // samples with density, and all
+    int64_t dense = 0, all = 0, unasked = 0;  // see NetworkLevels
   };
   std::vector<Sums> sums;  // of each accumulator
 
+  std::unique_ptr<internal::MatterMemory> memory;  // where empty space is left out
   double dense_share = 1;  // of the last step's samples: decides what the next one skips
 };
 

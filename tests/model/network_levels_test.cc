@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "model/baked_occupancy.h"
+#include "model/octahedron.h"
 #include "nerf/base/threads.h"
 #include "nerf/math/camera.h"
 #include "nerf/model/radiance_field.h"
@@ -164,32 +165,11 @@ TEST(NetworkLevels, SkippingEmptySamplesChangesNothing) {
     }
 }
 
-// Matter in the middle only. Of points raw density = 40 (1 - |x| - |y| - |z|), by units that are
-// |x| = relu(x) + relu(-x); of cones the same of the sines' means, which come first in their
-// encoding as the coordinates do in that of points.
-std::shared_ptr<NetworkField> octahedron(NetworkOptions o) {
-  o.sampling.coarse = o.sampling.fine = 64;
-  o.depth = o.proposal_depth = 1;
-  auto field = std::make_shared<NetworkField>(o, 0.5, 4);
-  for (const RadianceNetwork& n : field->networks) {
-    const LinearWeights& in = n.trunk[0];
-    for (int axis = 0; axis < 3; ++axis)
-      for (int sign = 0; sign < 2; ++sign) {
-        const int unit = 2 * axis + sign;
-        field->weights[in.offset + static_cast<size_t>(unit * weight_stride(in.in) + axis)] =
-            sign ? -1.0_r : 1.0_r;
-        field->weights[n.density.offset + static_cast<size_t>(unit)] = -40;
-      }
-    field->weights[n.density.bias_offset()] = 40;
-  }
-  return field;
-}
-
 class BakedModels : public ::testing::TestWithParam<bool> {};
 
 TEST_P(BakedModels, SkipEmptySpace) {
   const bool cones = GetParam();
-  const auto field = octahedron(small_network(cones ? mipnerf_options() : nerf_options()));
+  const auto field = test::octahedron(small_network(cones ? mipnerf_options() : nerf_options()));
   ThreadPool pool(2);
   const Camera camera = sphere_like_camera();
   Pose pose;
@@ -228,7 +208,7 @@ INSTANTIATE_TEST_SUITE_P(PointsAndCones, BakedModels, ::testing::Bool());
 
 // Matter that jumps behind the first moment: every picture finds out what is empty at its own.
 TEST(BakedMoments, SkipWhatIsEmpty) {
-  const auto field = octahedron(small_network(test::dnerf_options()));
+  const auto field = test::octahedron(small_network(test::dnerf_options()));
   field->weights[field->networks[0].deform.warp.last.bias_offset()] = 0.6_r;
   ModelInfo info;
   info.method = "composed";

@@ -50,6 +50,7 @@ constexpr Idle kIdle[] = {
     {"nerfw", "recipe.anneal_steps", "only proposals are annealed"},
     {"nerfw", "recipe.skip", "what is transient may be anywhere"},
     {"nerfw", "recipe.negligible", "what is transient may be anywhere"},
+    {"nerfw", "recipe.empty_steps", "what is transient may be anywhere"},
     {"dnerf", "network.sampling.padding", "coarse+fine samples come from weights as they are"},
     {"dnerf", "recipe.anneal", "only proposals are annealed"},
     {"dnerf", "recipe.anneal_steps", "only proposals are annealed"},

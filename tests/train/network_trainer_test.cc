@@ -106,10 +106,11 @@ TEST_P(NetworkTraining, LearnsTheSphere) {
 TEST_P(NetworkTraining, SkippingIsCounted) {
   const auto c = capture_of(GetParam(), 16, 32);
   ThreadPool pool(2);
-  const auto last_samples = [&](bool skip, Real negligible) {
+  const auto last_samples = [&](bool skip, Real negligible, int empty_steps = 0) {
     TrainOptions o = tiny_method_options(GetParam(), 300);
     o.recipe.skip = skip;
     o.recipe.negligible = negligible;
+    o.recipe.empty_steps = empty_steps;
     Trainer trainer(c.scene, c.photos, o, pool);
     StepReport last;
     for (int i = 0; i < 300; ++i) last = trainer.step();
@@ -119,11 +120,37 @@ TEST_P(NetworkTraining, SkippingIsCounted) {
   EXPECT_EQ(last_samples(false, 0), o.network.sampling.all_samples());
   EXPECT_EQ(last_samples(false, 0.2_r), o.network.sampling.all_samples());
   const int64_t few = last_samples(true, 0.2_r);
-  if (o.network.transient_code > 0)  // what is transient may be anywhere
+  // At least a tenth of them stands where nothing was found for so long.
+  const int64_t where_matter_was = last_samples(false, 0.2_r, 64);
+  if (o.network.transient_code > 0) {  // what is transient may be anywhere
     EXPECT_EQ(few, o.network.sampling.all_samples());
-  else
+    EXPECT_EQ(where_matter_was, o.network.sampling.all_samples());
+  } else {
     EXPECT_LT(few, o.network.sampling.all_samples());
+    EXPECT_LT(10 * where_matter_was, 9 * o.network.sampling.all_samples());
+  }
   EXPECT_LE(few, last_samples(true, 0));
+}
+
+// Between two looks at what is empty, too.
+TEST_P(NetworkTraining, EmptySpaceIsTheSameOnAnyThreadsAndAfterAStop) {
+  const auto c = capture_of(GetParam());
+  TrainOptions options = tiny_method_options(GetParam(), 70);
+  options.recipe.empty_steps = 32;  // looked for after every second step
+  const std::vector<uint8_t> want = bits_after(c, 1, options, 70);
+  EXPECT_EQ(bits_after(c, 2, options, 70), want);
+  test::TempFolder folder;
+  ThreadPool pool(3);
+  {
+    Trainer first(c.scene, c.photos, options, pool);
+    for (int i = 0; i < 41; ++i) first.step();
+    first.save_checkpoint(folder / "c");
+  }
+  Trainer second(c.scene, c.photos, options, pool);
+  second.step();
+  second.load_checkpoint(folder / "c");
+  for (int i = 41; i < 70; ++i) second.step();
+  EXPECT_EQ(bits_of(second), want);
 }
 
 // What is opaque stays so, and nothing stands in the empty space that imitates white.

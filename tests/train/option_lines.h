@@ -362,6 +362,7 @@ inline const std::vector<OptionLine>& option_lines() {
       {"recipe.still_points", {"20"}, held_still},
       {"recipe.skip", {"false"}, dense_and_skipping},
       {"recipe.negligible", {"0.25"}, dense},
+      {"recipe.empty_steps", {"1"}, dense_and_skipping},
       {"recipe.anneal", {"true", "false"}},
       {"recipe.anneal_steps", {"2"}, annealed},
   };

@@ -17,8 +17,9 @@
 namespace nerf {
 
 namespace internal {
-class BakedOccupancy;
-}
+class MatterCells;
+class MatterMemory;
+}  // namespace internal
 
 struct NetworkLosses {
   Real coarse = 1;      // of the colour error of the levels before the last
@@ -48,7 +49,11 @@ class NetworkLevels {
 
   // Pictures only: samples whose position cannot hold matter are not asked for. Null: all are.
   // Must outlive this.
-  void skip_empty(const internal::BakedOccupancy* occupancy) { occupancy_ = occupancy; }
+  void skip_empty(const internal::MatterCells* occupancy) { occupancy_ = occupancy; }
+
+  // Training only: samples in cells that the memory calls empty are not asked for, and those that
+  // are needed are marked in it. Null: all are asked for. Must outlive this.
+  void skip_empty(internal::MatterMemory* memory);
 
   // Pictures only: every ray ends where NetworkRay::drawn_to says and begins at drawn_from. Without
   // NetworkOptions::opaque_end, which would be the end of what is cut off.
@@ -82,9 +87,11 @@ class NetworkLevels {
   // ReLU does; a level with transient matter leaves out nothing.
   bool can_skip() const;
   // Samples of the last forward() that are needed (in a picture: that were asked for), and all of
-  // them. In training of the levels that can skip.
+  // them. In training of the levels that can skip, and of what was asked for.
   int64_t dense_samples() const { return dense_; }
   int64_t all_samples() const { return all_; }
+  // Samples of any level that were not asked for.
+  int64_t unasked_samples() const { return unasked_; }
   // Whose colours the last forward() computed for the picture.
   int64_t coloured_samples() const { return levels_.back()->chunk.samples; }
   // One more evaluation of all against three of the dense.
@@ -133,10 +140,15 @@ class NetworkLevels {
     std::vector<Real> posts;             // entries of all rays
     std::unique_ptr<NetworkTape> probe;  // finds the densities of all samples, can_skip() only
     std::unique_ptr<Chunk> probe_chunk;
-    std::vector<int32_t> dense_begin;  // of those that have density
-    std::vector<int> kept;             // of all samples, in a picture that skips
-    std::vector<Real> all_weights;     // then: of all samples
-    bool skipped = false;              // by the last forward()
+    std::vector<int32_t> dense_begin;   // of those that have density
+    std::vector<int32_t> packed_begin;  // of those that were asked for
+    std::vector<int> asked;             // columns of those that were asked for, if not of all
+    std::vector<int> kept;              // columns of those that the tape was given, if not of all
+    std::vector<int64_t> cells;         // of those that were asked for, with a memory
+    std::vector<Real> all_weights;      // of all samples, where only some were asked for
+    bool packed = false;                // only some were asked for by the last forward()
+    bool probed = false;                // it asked the probe first
+    bool skipped() const { return packed || probed; }
   };
 
   struct Sample {
@@ -153,8 +165,10 @@ class NetworkLevels {
   void aim(const NetworkRay& ray);
   void normalised_edges(int level, int ray, std::vector<Real>& edges);
   void keep_dense(Level& level);
-  void place_drawn(Level& level, int samples);
-  void spread_weights(Level& level, int samples);
+  void place_packed(Level& level, int samples, const NetworkTape& tape, Chunk& chunk);
+  bool asks_for(const NetworkRay& ray, const Sample& sample, const Vec3& at, bool last) const;
+  void spread_weights(Level& level, int samples, const NetworkTape& tape, const Chunk& chunk);
+  void mark(const Level& level, const NetworkTape& tape, const Chunk& chunk);
   // body(column) for every sample that is needed, end_of_ray(ray) behind each ray.
   template <class Body, class EndOfRay>
   void each_needed(const NetworkTape& tape, const Chunk& chunk, const Body& body,
@@ -170,12 +184,13 @@ class NetworkLevels {
   std::span<const Vec3> axes_;
   std::vector<std::unique_ptr<Level>> levels_;
   std::span<NetworkRay> rays_;
-  const internal::BakedOccupancy* occupancy_ = nullptr;
+  const internal::MatterCells* occupancy_ = nullptr;
+  internal::MatterMemory* memory_ = nullptr;
   bool cut_ = false;
   std::vector<Real> code_;
   Moments moments_;
   Real elastic_weight_ = 0;
-  int64_t dense_ = 0, all_ = 0;
+  int64_t dense_ = 0, all_ = 0, unasked_ = 0;
   std::vector<Real> edges_, final_edges_, gradient_of_all_;  // of losses on weights
 };
 

@@ -27,6 +27,7 @@ struct NetworkRay {
   Vec3 background;
   Real time = 0;  // [0, 1]
   // Training only.
+  bool everywhere = false;       // asks for all of its samples, in empty cells too
   int photo = -1;                // whose codes the network may read; below 0: none
   int moment = -1, camera = -1;  // likewise, rows of CodeBooks
   // First and last distance of its samples, in t; far of 0: the field's.

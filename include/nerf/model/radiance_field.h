@@ -19,7 +19,7 @@ struct Field;         // model/field.h
 struct GridField;     // weights and occupancy, model/grid_field.h
 struct NetworkField;  // weights of a paper method, model/network_field.h
 namespace internal {
-class BakedOccupancy;
+class MatterCells;
 }
 
 class RadianceField {
@@ -56,7 +56,7 @@ class RadianceField {
   // does nothing. Not while another thread uses the model. Returns whether pictures skip now.
   // Throws Cancelled.
   bool bake(uint64_t pixels, ThreadPool& pool, const Cancel* cancel = nullptr);
-  const internal::BakedOccupancy* baked() const { return baked_.get(); }
+  const internal::MatterCells* baked() const { return baked_.get(); }
 
   // Density (1 / input unit) and sRGB colour in [0, 1] at points seen along unit directions, both
   // in input coordinates. Spans of equal length n, rgb of 3n. As in pictures, the grid method's
@@ -71,7 +71,7 @@ class RadianceField {
   ModelInfo info_;
   std::shared_ptr<const GridField> grid_;
   std::shared_ptr<const NetworkField> network_;
-  std::shared_ptr<const internal::BakedOccupancy> baked_;
+  std::shared_ptr<const internal::MatterCells> baked_;
 };
 
 }  // namespace nerf

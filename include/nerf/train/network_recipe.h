@@ -28,6 +28,7 @@ struct NetworkRecipe {
   int anneal_steps = 0;
   bool skip = true;
   Real negligible = 0;
+  int empty_steps = 0;
   bool photo_range = false;
   Real transient_density = 0.01_r;
   Real least_deviation = 0.03_r;
@@ -103,6 +104,10 @@ struct NetworkRecipe {
       "share of a ray's light below which a sample is left out (of a ReLU's samples the share that "
       "reaches it, of a softplus's the share that it stops); 0: none",
       at_least(0), below(1));
+    v("empty_steps", empty_steps,
+      "steps without a sample that mattered after which a cell of space is left out, and by some "
+      "rays watched; 0: all space is asked for",
+      at_least(0), at_most(2000));
     v("anneal", anneal,
       "raise the proposals' weights that samples are drawn from to a power that grows to 1");
     v("anneal_steps", anneal_steps,
