@@ -187,8 +187,8 @@ void shrink_motion(TrainOptions& o, int width, int share) {
   d.sheet_width = width / 2;
   NetworkRecipe& r = o.recipe;
   if (d.code == 0) {
-    // Found from time itself, with few frequencies: with the paper's ten what is seen first blocks
-    // what moves, unless a curriculum leads there (docs/methods/dnerf.md).
+    // The paper's ten frequencies need its curriculum and learn less in a short training
+    // (docs/methods/dnerf.md).
     d.width = 2 * width;
     d.depth = 4;
     d.skip = 0;
@@ -221,7 +221,7 @@ void shrink(TrainOptions& o, int width, int rays) {
   o.recipe.crop_steps = std::min(o.recipe.crop_steps, 100);
   o.warmup_steps = std::min(o.warmup_steps, 128);
   o.recipe.negligible = 1e-4_r;
-  // A softplus leaves a little density everywhere: not measured there.
+  // Not measured with a softplus, which leaves a little density everywhere.
   if (n.density == DensityActivation::kRelu) o.recipe.empty_steps = 256;
   // What is learnt first counts a hundred times as much as what is not yet, and the rest is called
   // transient: a few thousand steps do not undo that (docs/methods/nerfw.md).

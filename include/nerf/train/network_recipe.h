@@ -105,8 +105,8 @@ struct NetworkRecipe {
       "reaches it, of a softplus's the share that it stops); 0: none",
       at_least(0), below(1));
     v("empty_steps", empty_steps,
-      "steps without a sample that mattered after which a cell of space is left out, and by some "
-      "rays watched; 0: all space is asked for",
+      "leave out cells of space in which no sample mattered for so many steps, but for one ray of "
+      "eight, which looks everywhere; 0: none",
       at_least(0), at_most(2000));
     v("anneal", anneal,
       "raise the proposals' weights that samples are drawn from to a power that grows to 1");
