@@ -17,7 +17,8 @@ NetworkTape::Losses losses_of_level(const NetworkLosses& losses, bool first, boo
   NetworkTape::Losses out;
   out.colour = last || losses.coarse > 0;
   out.pixel = losses.pixel;
-  out.on_weights = last ? losses.distortion > 0 : losses.interlevel > 0;
+  out.on_weights =
+      (last ? losses.distortion > 0 : losses.interlevel > 0) || (losses.depth && out.colour);
   out.density_noise = training && losses.density_noise > 0;
   out.transient = last;
   out.least_deviation = losses.least_deviation;
@@ -164,6 +165,20 @@ void NetworkLevels::normalised_edges(int level, int ray, std::vector<Real>& edge
   if (!sampler_.intervals()) edges.push_back(1);
 }
 
+// In inverse distance, whose units do not depend on where a ray's samples begin and end.
+double NetworkLevels::depth_loss_of(int level, int ray, Real scale, std::span<Real> d_weights) {
+  const auto entries = posts(level, ray);
+  middles_.clear();
+  for (size_t i = 0; i < d_weights.size(); ++i) {
+    Real middle = inverse_place(sampler_.distance(entries[i]));
+    if (sampler_.intervals())
+      middle = (middle + inverse_place(sampler_.distance(entries[i + 1]))) / 2;
+    middles_.push_back(middle);
+  }
+  return depth_loss(middles_, weights(level, ray),
+                    inverse_place(rays_[static_cast<size_t>(ray)].depth), scale, d_weights);
+}
+
 double NetworkLevels::losses_on_weights(size_t l) {
   Level& level = *levels_[l];
   if (level.tape.weight_gradient < 0) return 0;
@@ -177,9 +192,12 @@ double NetworkLevels::losses_on_weights(size_t l) {
     normalised_edges(at, ray, edges_);
     // A ray's scale is that of a mean over rays and three channels.
     const Real per_ray = 3 * rays_[r].scale;
+    if (losses_.depth && level.tape.pixel >= 0 && rays_[r].depth > 0)
+      loss += depth_loss_of(at, ray, depth_weight_ * per_ray, out);
     if (at == final_level) {
-      loss += distortion_loss(edges_, weights(at, ray), losses_.distortion * per_ray, out);
-    } else {
+      if (losses_.distortion > 0)
+        loss += distortion_loss(edges_, weights(at, ray), losses_.distortion * per_ray, out);
+    } else if (losses_.interlevel > 0) {
       normalised_edges(final_level, ray, final_edges_);
       const Real share = 1 / static_cast<Real>(samples(final_level));
       loss += interlevel_loss(final_edges_, weights(final_level, ray), edges_, weights(at, ray),

@@ -55,10 +55,11 @@ int CaptureMoments::nearest(double time) const {
 }
 
 NetworkOptions options_for(const NetworkOptions& given, const std::string& method,
-                           const Scene& scene, const CaptureMoments& moments) {
+                           const Scene& scene, bool draws_masked, const CaptureMoments& moments) {
   NetworkOptions o = given;
-  // Behind photos with alpha is the background: nothing there must be opaque.
-  o.opaque_end = o.opaque_end && !scene.alpha;
+  // Behind what is transparent is the background: nothing there must be opaque.
+  o.opaque_end = o.opaque_end && !scene.alpha && !draws_masked;
+  if (draws_masked) o.last_interval = 0;  // in the papers' any density is opaque
   const bool all_numbered = std::ranges::find(moments.camera_of, -1) == moments.camera_of.end();
   if (moments.cameras.size() < 2 || !all_numbered) o.camera_code = 0;
   // The authors give colours the one or the other: what differs between the cameras of a rig, or

@@ -25,10 +25,11 @@ struct CaptureMoments {
   int nearest(double time) const;
 };
 
-// The options as far as the capture has what they are about. Throws Error where a method of scenes
-// that move is asked of photos of one moment.
+// The options as far as the capture has what they are about; draws_masked: of the pixels that masks
+// leave out some are drawn, as transparent ones. Throws Error where a method of scenes that move is
+// asked of photos of one moment.
 NetworkOptions options_for(const NetworkOptions& options, const std::string& method,
-                           const Scene& scene, const CaptureMoments& moments);
+                           const Scene& scene, bool draws_masked, const CaptureMoments& moments);
 
 // What a field of these options keeps of each photo, moment and camera.
 CodeShape codes_for(const NetworkOptions& options, const CaptureMoments& moments,

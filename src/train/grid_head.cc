@@ -223,7 +223,7 @@ void GridTrainer::render() {
 // Means over rays: their scale is that of a mean over three channels too.
 void GridTrainer::add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk) {
   const int64_t first_sample = c * kChunkSamples;
-  const double depth_now = depth_weight > 0 ? depth_weight_at(done) : 0;
+  const double depth_now = depth_weight_now();
   Real* gradient = chunk.data(tape.weight_gradient);
   std::fill_n(gradient, chunk.samples, 0.0_r);
   for (int r = 0; r < chunk.rays; ++r) {

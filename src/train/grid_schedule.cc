@@ -24,17 +24,6 @@ AdamStep GridTrainer::adam_at(int64_t step) const {
               std::lerp(options.grid_recipe.beta2, options.grid_recipe.final_beta2, progress))};
 }
 
-double GridTrainer::depth_weight_at(int64_t step) const {
-  // Sensors err more than a trained field does.
-  constexpr double kLast = 0.1;  // as a share of the first
-  return depth_weight * std::lerp(1.0, kLast, progress_at(step));
-}
-
-Real GridTrainer::masked_share_at(int64_t step) const {
-  if (masked.first <= 0) return 0;
-  return static_cast<Real>(masked.first * std::pow(masked.last / masked.first, progress_at(step)));
-}
-
 Real GridTrainer::samples_per_cell_at(int64_t step) const {
   return samples_per_cell_at(step, options.plan());
 }

@@ -84,9 +84,7 @@ void TableState::give_weights(GridField& field) const {
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
-      depth_weight(depth_loss_weight(o, s, p)),
       offset_weight(nerf::offset_weight(o.grid_recipe.motion, s)),
-      masked(masked_share(o, p)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
             learnt_light(o.grid_recipe.light, s, source), o.grid_recipe.motion.shape(),
             o.grid_recipe.medium.medium),
@@ -237,7 +235,7 @@ void GridTrainer::draw() {
     return maker.fill(seed(), done, static_cast<int64_t>(given.size()), samples_per_cell_at(done),
                       given, batch);
   // Nothing is transparent in a medium.
-  if (!has_medium()) source.draw_masked(masked_share_at(done));
+  if (!has_medium()) source.draw_masked(static_cast<Real>(masked.at(progress_at(done))));
   const double capacity = static_cast<double>(batch.max_chunks) * kChunkSamples;
   const int64_t rays = static_cast<int64_t>(
       std::clamp(capacity / std::max(samples_per_ray, 0.05) * 1.03, 64.0, capacity));

@@ -86,8 +86,6 @@ struct GridTrainer final : TrainerImpl {
   // Moments are corrected as if its betas had always been what they are by then: rows that were
   // touched a few times take somewhat smaller steps.
   AdamStep adam_at(int64_t step) const;
-  double depth_weight_at(int64_t step) const;
-  Real masked_share_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step) const;
   Real samples_per_cell_at(int64_t step, const TrainingPlan& plan) const;
   // Of a step's chunks, the time for colours that samples share; 0 where they do not.
@@ -140,9 +138,7 @@ struct GridTrainer final : TrainerImpl {
   std::vector<Real> expected_colours() const;
 
   double distortion;     // weight of the loss
-  double depth_weight;   // likewise; 0 where no photo has a depth map
   double offset_weight;  // likewise; 0 where the scene stands still
-  MaskedShare masked;
   GridField field;
   TableState optimiser;
   std::unique_ptr<GridHead> own_head, given_head;    // of the method's loss, and of the caller's

@@ -44,7 +44,7 @@ TrainOptions short_training() {
   o.grid_recipe.light.colour_correction = Switch::kOff;
   // What passes by would look like light that differs.
   o.grid_recipe.light.robust = {false, kRobust};
-  o.grid_recipe.point_depth = 0;
+  o.pixel_recipe.point_depth = 0;
   return o;
 }
 
@@ -207,9 +207,9 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   if (light.exif_exposure.automatic) light.exif_exposure = {false, rounded(exif)};
   // It costs no capture that was measured; those of fixed light stay as they are.
   if (light.vignetting == Switch::kAuto) light.vignetting = light.colour_correction;
-  if (!options.grid_recipe.point_depth && unlike_days) {
-    options.grid_recipe.point_depth = kPointDepth;
-    if (!options.grid_recipe.depth_loss) options.grid_recipe.depth_loss = kPointDepthLoss;
+  if (!options.pixel_recipe.point_depth && unlike_days) {
+    options.pixel_recipe.point_depth = kPointDepth;
+    if (!options.pixel_recipe.depth_loss) options.pixel_recipe.depth_loss = kPointDepthLoss;
   }
 }
 

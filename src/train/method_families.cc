@@ -53,9 +53,6 @@ void unused_by_grid(const TrainOptions& options, const Names& given, const Scene
                     std::vector<std::string>& out) {
   if (given.contains("keep_transparent") && !scene.alpha)
     out.emplace_back("--keep-transparent is not used: the photos have no alpha");
-  const auto has_depth = [](const View& view) { return !view.depth_path.empty(); };
-  if (given.contains("depth_loss") && std::ranges::none_of(scene.views, has_depth))
-    out.emplace_back("--depth-loss is not used: the capture has no depth maps");
   if (given.contains("keep_free") && !scene.unbounded)
     out.emplace_back("--keep-free is not used: the scene ends with its box");
   if (given.contains("stop_transmittance") && options.grid_recipe.shared_colour == 0)
@@ -205,6 +202,7 @@ MethodLine network_line(const MethodRow& row) {
 const internal::MethodFamily internal::kGridFamily{
     .one_preset = true,
     .learns_from_reduced_photos = false,
+    .masked_in_the_way = 0.1,
     .minutes = [](Scale) { return 5.0; },
     .make_trainer = make<GridTrainer>,
     .memory_bytes = GridTrainer::memory_bytes,
@@ -218,6 +216,7 @@ const internal::MethodFamily internal::kGridFamily{
 const internal::MethodFamily internal::kNetworkFamily{
     .one_preset = false,
     .learns_from_reduced_photos = true,
+    .masked_in_the_way = 0,  // it would take an open end, beyond which the papers have no matter
     .minutes = [](Scale scale) { return scale == Scale::kTiny ? 4.0 : 50.0; },
     .make_trainer = make<NetworkTrainer>,
     .memory_bytes = NetworkTrainer::memory_bytes,

@@ -287,6 +287,32 @@ bool reads_option(const std::string& method, const std::string& option) {
   });
 }
 
+namespace {
+
+void unused_of_pixels(const TrainOptions& options, const std::set<std::string>& given,
+                      const Scene& scene, std::vector<std::string>& out) {
+  const auto unused = [&](const char* name, const char* flag, const char* why) {
+    if (given.contains(name)) out.push_back(fmt::format("{} is not used: {}", flag, why));
+  };
+  const auto has_mask = [](const View& view) { return !view.mask_path.empty(); };
+  const auto has_depth = [](const View& view) { return !view.depth_path.empty(); };
+  if (std::ranges::none_of(scene.views, has_mask))
+    unused("masked_share", "--masked-share", "the capture has no masks");
+  if (options.network.space == Space::kNdc && reads_option(options.method, "network.space")) {
+    constexpr const char* kNdc = "normalised device coordinates are no distances";
+    unused("point_depth", "--point-depth", kNdc);
+    unused("depth_loss", "--depth-loss", kNdc);
+    return;
+  }
+  if (scene.observations.empty())
+    unused("point_depth", "--point-depth", "no photo is known to see a sparse point");
+  if (std::ranges::none_of(scene.views, has_depth) && !(point_depth_share(options, scene) > 0))
+    unused("depth_loss", "--depth-loss",
+           "the capture has no depth maps, and distances of points are not learnt (--point-depth)");
+}
+
+}  // namespace
+
 std::vector<std::string> unused_options(const TrainOptions& options,
                                         const std::set<std::string>& given, const Scene& scene) {
   std::vector<std::string> out;
@@ -296,6 +322,7 @@ std::vector<std::string> unused_options(const TrainOptions& options,
       field.name = name;
       out.push_back(option_flag(field) + " is not used by --method " + options.method);
     }
+  unused_of_pixels(options, given, scene, out);
   internal::family_of(options).unused(options, given, scene, out);
   return out;
 }

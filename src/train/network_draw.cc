@@ -41,8 +41,11 @@ std::optional<Ray> NetworkTrainer::draw_ray(size_t i, Random& random, NetworkRay
   Ray& ray = pixel.ray;
   ray.radius = cast_radius(field, *pixel.camera, *pixel.pose, pixel.centre());
   ray.background = scene.alpha ? background_of(options, scene) : Vec3{0, 0, 0};
+  // What is transparent over colours that are never the same twice cannot be painted.
+  if (pixel.masked) ray.background = {random.uniform(), random.uniform(), random.uniform()};
   const auto cast = sampled(ray);
   out.scale = pixel.weight;
+  out.depth = static_cast<Real>(pixel.distance);
   if (field.options.deform.has_moments()) out.moment = moments.of_photo[pixel.source];
   if (field.options.camera_code > 0) out.camera = moments.camera_of[pixel.source];
   if (!ranges.empty()) {
@@ -59,6 +62,7 @@ void NetworkTrainer::draw() {
   constexpr int64_t kBlock = 64;
   constexpr size_t kWatched = 8;  // one of so many rays looks for matter in empty cells
   open_windows();
+  source.draw_masked(static_cast<Real>(masked.at(progress_at(done))));
   rays.resize(given.empty() ? static_cast<size_t>(options.recipe.rays) : given.size());
   drawn.resize(rays.size());
   lines.resize(open ? rays.size() : 0);

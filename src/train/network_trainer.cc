@@ -20,13 +20,13 @@ int network_accumulators(size_t weights) {
   return static_cast<int>(std::clamp<size_t>(kFloats / std::max<size_t>(weights, 1), 4, 32));
 }
 
-NetworkLosses losses_of(const NetworkRecipe& r) {
+NetworkLosses losses_of(const NetworkRecipe& r, bool depth) {
   return {
       r.coarse,          r.interlevel,
       r.distortion,      r.charbonnier > 0 ? PixelLoss::charbonnier(r.charbonnier) : PixelLoss(),
       r.density_noise,   r.negligible,
       r.least_deviation, r.transient_density,
-      r.elastic > 0};
+      r.elastic > 0,     depth};
 }
 
 namespace {
@@ -75,7 +75,8 @@ uint64_t NetworkTrainer::memory_bytes(const TrainOptions& o, bool /*unbounded*/,
   const uint64_t weights = place_networks(o.network).back().end;
   const uint64_t accumulators = static_cast<uint64_t>(network_accumulators(weights));
   const int rays = std::min(NetworkLevels::rays_per_chunk(o.network), o.recipe.rays);
-  const uint64_t worker = NetworkLevels::memory_bytes(o.network, rays, true, losses_of(o.recipe));
+  const uint64_t worker =
+      NetworkLevels::memory_bytes(o.network, rays, true, losses_of(o.recipe, /*depth=*/true));
   // Besides the field's weights: again with gradient and moments while a checkpoint is read or a
   // model saved.
   const uint64_t memory = o.recipe.empty_steps > 0 ? internal::MatterMemory::memory_bytes() : 0;
@@ -90,9 +91,10 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
     : TrainerImpl(s, p, o, t, {Rise::kQuarterSine, Fall::kExponential, o.recipe.warmup_rate}),
       moments(s),
       ranges(ranges_of_views(s, o)),
-      field(codes_for(options_for(o.network, o.method, s, moments), moments, source),
-            options_for(o.network, o.method, s, moments), range_of_field(s, o, ranges).near,
-            range_of_field(s, o, ranges).far),
+      field(codes_for(options_for(o.network, o.method, s, masked.first > 0, moments), moments,
+                      source),
+            options_for(o.network, o.method, s, masked.first > 0, moments),
+            range_of_field(s, o, ranges).near, range_of_field(s, o, ranges).far),
       still(s, field, o.recipe, t.size()),
       rays_per_chunk(std::min(NetworkLevels::rays_per_chunk(field.options), o.recipe.rays)),
       rays(static_cast<size_t>(o.recipe.rays)),
@@ -115,7 +117,7 @@ NetworkTrainer::NetworkTrainer(const Scene& s, const PhotoSet& p, const TrainOpt
   dense->pack(options.precision, pool);
   if (o.recipe.empty_steps > 0)
     memory = std::make_unique<internal::MatterMemory>(o.recipe.empty_steps);
-  workers = make_workers(losses_of(o.recipe));
+  workers = make_workers(losses_of(o.recipe, depth_weight > 0));
   still.use_packs(&dense->packs());
   open_windows();
 }
@@ -167,7 +169,7 @@ void NetworkTrainer::set_gradient(size_t first_ray, size_t count, NetworkLevels&
 
 void NetworkTrainer::render() {
   if (given_workers.empty()) {
-    NetworkLosses losses = losses_of(options.recipe);
+    NetworkLosses losses = losses_of(options.recipe, depth_weight > 0);
     losses.pixel = {PixelLoss::Kind::kGiven};
     given_workers = make_workers(losses);
   }
@@ -219,10 +221,12 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
   const int64_t per = (chunks + count - 1) / count;
   const int64_t still_per = (still.chunks() + count - 1) / count;
   const Real exponent = this->exponent(), elastic = elastic_at(options.recipe, done);
+  const Real depth = static_cast<Real>(depth_weight_now());
   const bool skip = skipping();
   pool.parallel_for_thread(count, [&](int64_t a, int thread) {
     NetworkLevels& levels = *(open ? given_workers : workers)[static_cast<size_t>(thread)];
     levels.weigh_elastic(elastic);
+    levels.weigh_depth(depth);
     Real* const gradient = dense->begin_sum(a);
     Sums& s = sums[static_cast<size_t>(a)];
     s = {};
@@ -237,7 +241,7 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
       if (open) set_gradient(begin, part.size(), levels);
       s.loss += levels.backward(gradient);
       for (size_t r = 0; r < part.size(); ++r) {
-        if (part[r].scale == 0 || !given.empty()) continue;
+        if (part[r].scale == 0 || !given.empty() || part[r].photo < 0) continue;
         Real rgb[3], opacity;
         levels.pixel(static_cast<int>(r), rgb, opacity);
         for (int k = 0; k < 3; ++k)
@@ -259,7 +263,10 @@ TrainerImpl::HeadSums NetworkTrainer::head(StepReport& report) {
     unasked += s.unasked;
   }
   report.rays = std::ranges::count(drawn, uint8_t{1});
-  out.squared_error /= 3 * static_cast<double>(std::max<int64_t>(report.rays, 1));
+  int64_t shown = 0;  // by photos
+  for (size_t i = 0; i < rays.size(); ++i)
+    shown += drawn[i] && (rays[i].photo >= 0 || !given.empty());
+  out.squared_error /= 3 * static_cast<double>(std::max<int64_t>(shown, 1));
   // Those that a network saw forward and backward.
   report.samples = report.rays * field.options.sampling.all_samples() - unasked;
   if (skip) report.samples -= skipped;

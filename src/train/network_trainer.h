@@ -20,7 +20,8 @@ namespace nerf {
 // for large ones, whose sums would fill the memory. Depends on the model alone.
 int network_accumulators(size_t weights);
 
-NetworkLosses losses_of(const NetworkRecipe& recipe);
+// depth: some rays' depth is known.
+NetworkLosses losses_of(const NetworkRecipe& recipe, bool depth);
 
 struct NetworkTrainer final : TrainerImpl {
   NetworkTrainer(const Scene& scene, const PhotoSet& photos, const TrainOptions& options,

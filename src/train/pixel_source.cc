@@ -15,6 +15,9 @@ PixelSource::PixelSource(const Scene& scene, const PhotoSet& photos, double sigh
     : photos_(photos), views_(scene.train) {
   if (sighting_share > 0) sightings_ = sightings_of(scene, photos);
   if (!sightings_.empty()) sighting_share_ = static_cast<Real>(sighting_share);
+  sightings_of_photo_.resize(views_.size());
+  for (size_t i = 0; i < sightings_.size(); ++i)
+    sightings_of_photo_[sightings_[i].source].push_back(i);
   const std::vector<double> near = near_of_views(scene);
   pixels_before_.push_back(0);
   double weight = 0;
@@ -53,15 +56,22 @@ bool PixelSource::draw(Random& random, Pixel& out) const {
   return locate(random, out) && read(out);
 }
 
+bool PixelSource::wants_point(Random& random) const {
+  return sighting_share_ > 0 && random.uniform() < sighting_share_;
+}
+
+bool PixelSource::wants_masked(Random& random, const Photo& photo) const {
+  return masked_share_ > 0 && !photo.mask.empty() && random.uniform() < masked_share_;
+}
+
 // A place in one of the photos: each pixel as often as the others, of a panorama each solid angle.
 void PixelSource::choose(Random& random, Pixel& out) const {
-  if (sighting_share_ > 0 && random.uniform() < sighting_share_) {
+  out.distance = 0;
+  if (wants_point(random)) {
     const Sighting& seen = sightings_[static_cast<size_t>(random.below(sightings_.size()))];
     out.source = seen.source;
     out.photo = &photos_.photos[static_cast<size_t>(views_[seen.source])];
-    out.x = seen.x;
-    out.y = seen.y;
-    out.distance = seen.distance;
+    out.show(seen);
     return;
   }
   for (;;) {
@@ -84,20 +94,27 @@ void PixelSource::choose(Random& random, Pixel& out) const {
 
 bool PixelSource::locate(Random& random, Pixel& out) const {
   choose(random, out);
-  out.masked = masked_share_ > 0 && !out.photo->mask.empty() && random.uniform() < masked_share_;
+  out.masked = wants_masked(random, *out.photo);
   return cast(out);
 }
 
 bool PixelSource::draw_from(size_t i, Random& random, double share, Pixel& out) const {
   out.source = i;
-  out.masked = false;
   out.photo = &photos_.photos[static_cast<size_t>(views_[i])];
-  const auto within = [&](int size) {
-    const int middle = std::max(1, static_cast<int>(share * size));
-    return (size - middle) / 2 + static_cast<int>(random.below(static_cast<uint64_t>(middle)));
-  };
-  out.x = within(out.photo->width);
-  out.y = within(out.photo->height);
+  out.distance = 0;
+  const std::vector<size_t>& seen = sightings_of_photo_[i];
+  // Points are anywhere in a photo.
+  if (share == 1 && !seen.empty() && wants_point(random)) {
+    out.show(sightings_[seen[static_cast<size_t>(random.below(seen.size()))]]);
+  } else {
+    const auto within = [&](int size) {
+      const int middle = std::max(1, static_cast<int>(share * size));
+      return (size - middle) / 2 + static_cast<int>(random.below(static_cast<uint64_t>(middle)));
+    };
+    out.x = within(out.photo->width);
+    out.y = within(out.photo->height);
+  }
+  out.masked = wants_masked(random, *out.photo);
   return cast(out) && read(out);
 }
 

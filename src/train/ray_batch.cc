@@ -6,15 +6,9 @@
 #include <span>
 
 #include "nerf/kernels/roulette.h"
+#include "nerf/parts/losses.h"
 
 namespace nerf {
-
-namespace {
-
-// Of a distance, engine units, in [0, 1): see RayBatch::middle.
-Real inverse_place(Real distance) { return 1 - 1 / (1 + distance); }
-
-}  // namespace
 
 RayBatch::RayBatch(int max) : max_chunks(max) {
   const size_t n = static_cast<size_t>(max) * kChunkSamples;

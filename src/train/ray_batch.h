@@ -37,11 +37,12 @@ class PixelSource {
     const Camera* camera = nullptr;
     const Pose* pose = nullptr;  // camera-to-engine
     double along_axis = 1;       // depth of a ray's unit length
-    double distance = 0;         // engine units, by the photo's depth map; 0: unknown
+    double distance = 0;         // engine units, by a sparse point or depth map; 0: unknown
     // Transparent, and of no photo; see draw_masked(). Before read(): whether it may be.
     bool masked = false;
 
     Vec2d centre() const { return {x + 0.5, y + 0.5}; }
+    void show(const Sighting& seen) { x = seen.x, y = seen.y, distance = seen.distance; }
   };
   // From now on this share of the pixels that masks leave out is drawn, as transparent ones. A
   // small one empties what no photo shows, and gives way to photos that show something there.
@@ -72,6 +73,9 @@ class PixelSource {
   bool read(Pixel& out) const;
 
  private:
+  // By chance, as often as the shares say; no number is drawn where a share is 0.
+  bool wants_point(Random& random) const;
+  bool wants_masked(Random& random, const Photo& photo) const;
   void choose(Random& random, Pixel& out) const;
   bool cast(Pixel& out) const;
   bool read_colour(Pixel& out) const;
@@ -87,6 +91,7 @@ class PixelSource {
   double mean_weight_ = 1;
   bool has_depth_ = false;
   std::vector<Sighting> sightings_;
+  std::vector<std::vector<size_t>> sightings_of_photo_;  // of the i-th training photo
   Real sighting_share_ = 0;
   Real masked_share_ = 0;     // see draw_masked()
   std::vector<double> near_;  // engine units; no sample closer to the camera

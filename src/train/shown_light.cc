@@ -198,7 +198,10 @@ ShownLight shown_light(const Scene& scene, const PhotoSet& photos) {
     if (of_photo[i] >= kFewestOfPhoto)
       light.exposure[static_cast<size_t>(scene.train[i])] = fit.exposure[i] - usual;
   for (size_t l = 0; l < of_lens.size(); ++l) {
-    if (of_lens[l] < kFewestOfLens || !(fit.precision[l] > 0)) continue;
+    // A lens's error is told by how its photos differ, which a few do not show.
+    if (light.lenses[l].photos < static_cast<int>(kFewestPhotos) || of_lens[l] < kFewestOfLens ||
+        !(fit.precision[l] > 0))
+      continue;
     light.lenses[l].corner_stops = fit.falloff[l];
     light.lenses[l].error = fit.error_of(static_cast<int>(l));
   }

@@ -1,6 +1,7 @@
 #include "nerf/train/trainer.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "nerf/base/error.h"
 #include "nerf/train/methods.h"
@@ -47,29 +48,45 @@ double distortion_weight(const TrainOptions& options, const Scene& scene) {
   return options.grid_recipe.distortion.value_or(scene.unbounded ? kUnbounded : 0.0);
 }
 
+namespace {
+
+// Along a ray's direction, as depth maps and points give them.
+bool learns_distances(const TrainOptions& options) {
+  return options.network.space != Space::kNdc || !reads_option(options.method, "network.space");
+}
+
+}  // namespace
+
 double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos) {
   constexpr double kUsual = 0.1;  // docs/benchmarks.md, "Depth maps"
   const auto has_depth = [&](int v) {
     return !photos.photos[static_cast<size_t>(v)].depth.empty();
   };
-  if (std::ranges::none_of(scene.train, has_depth) && !(point_depth_share(options, scene) > 0))
-    return 0;
-  return options.grid_recipe.depth_loss.value_or(kUsual);
+  const bool any =
+      std::ranges::any_of(scene.train, has_depth) || point_depth_share(options, scene) > 0;
+  if (!learns_distances(options) || !any) return 0;
+  return options.pixel_recipe.depth_loss.value_or(kUsual);
 }
 
 double point_depth_share(const TrainOptions& options, const Scene& scene) {
-  if (scene.observations.empty()) return 0;
-  return options.grid_recipe.point_depth.value_or(0.0);
+  if (scene.observations.empty() || !learns_distances(options)) return 0;
+  return options.pixel_recipe.point_depth.value_or(0.0);
 }
 
 bool masks_cut_out(const PhotoSet& photos) { return photos.fraction_masked > 0.5; }
 
+double MaskedShare::at(double progress) const {
+  return first > 0 ? first * std::pow(last / first, progress) : 0;
+}
+
 MaskedShare masked_share(const TrainOptions& options, const PhotoSet& photos) {
   // What was emptied early stays so. Beside what stands in the way of a scene photos do show
   // something, which must not be held back for long (docs/wild.md).
-  constexpr double kCutOut = 0.3, kInTheWay = 0.1, kLastInTheWay = 0.01;
+  constexpr double kCutOut = 0.3, kLastInTheWay = 0.01;
+  if (photos.fraction_masked == 0) return {};
   const bool cut_out = masks_cut_out(photos);
-  const double first = options.grid_recipe.masked_share.value_or(cut_out ? kCutOut : kInTheWay);
+  const double usual = cut_out ? kCutOut : internal::family_of(options).masked_in_the_way;
+  const double first = options.pixel_recipe.masked_share.value_or(usual);
   return {first, cut_out ? first : kLastInTheWay * first};
 }
 

@@ -2,6 +2,7 @@
 // clock of its steps, dense parameters. One class per kind of field derives from it.
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <span>
@@ -26,7 +27,9 @@ struct TrainerImpl {
         options(options),
         pool(pool),
         schedule(schedule),
-        source(scene, photos, point_depth_share(options, scene)) {}
+        source(scene, photos, point_depth_share(options, scene)),
+        depth_weight(depth_loss_weight(options, scene, photos)),
+        masked(masked_share(options, photos)) {}
   virtual ~TrainerImpl() = default;
 
   StepReport step();
@@ -93,6 +96,11 @@ struct TrainerImpl {
   Real rate_at(int64_t step) const {
     return schedule.at(options, step, progress_at(step), rate_factor);
   }
+  // Of the step to come. Sensors err more than a trained field does, so that the weight falls.
+  double depth_weight_now() const {
+    constexpr double kLast = 0.1;  // as a share of the first
+    return depth_weight * std::lerp(1.0, kLast, progress_at(done));
+  }
   uint64_t seed() const { return options.seed ^ salt; }
 
   const Scene& scene;
@@ -101,6 +109,8 @@ struct TrainerImpl {
   ThreadPool& pool;
   RateSchedule schedule;
   PixelSource source;
+  double depth_weight;  // of the first step; 0 where no ray's depth is known
+  MaskedShare masked;
   std::unique_ptr<DenseParameters> dense;  // made by the method, whose field has the weights
 
   // Of a step that begin_step() has opened: its rays, where they were given, and their pixels; then

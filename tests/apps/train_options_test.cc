@@ -51,13 +51,31 @@ TEST(TrainOptionsText, TheHullNeedsPhotosWithAlpha) {
   EXPECT_TRUE(apps::unused_options({}, {"keep_transparent"}, cut_out).empty());
 }
 
-TEST(TrainOptionsText, ALossByDepthMapsNeedsSome) {
+TEST(TrainOptionsText, WhatDepthsAndMasksTeachNeedsSome) {
   Scene scene;
   scene.views.resize(2);
-  EXPECT_EQ(apps::unused_options({}, {"depth_loss"}, scene),
-            std::vector<std::string>{"--depth-loss is not used: the capture has no depth maps"});
+  apps::TrainCommand command;
+  const auto unused = [&] {
+    return apps::unused_options(command, {"depth_loss", "point_depth", "masked_share"}, scene);
+  };
+  EXPECT_EQ(unused(),
+            (std::vector<std::string>{
+                "--masked-share is not used: the capture has no masks",
+                "--point-depth is not used: no photo is known to see a sparse point",
+                "--depth-loss is not used: the capture has no depth maps, and distances of points "
+                "are not learnt (--point-depth)"}));
+  scene.views[1].mask_path = "masks/1.png";
+  scene.observations.resize(1);
+  EXPECT_EQ(unused().size(), 1u);
+  command.train.pixel_recipe.point_depth = 0.1;
+  EXPECT_TRUE(unused().empty());
+  command.train.pixel_recipe.point_depth = 0;
   scene.views[1].depth_path = "depth/1.png";
-  EXPECT_TRUE(apps::unused_options({}, {"depth_loss"}, scene).empty());
+  EXPECT_TRUE(unused().empty());
+  command.train = method_options("nerf", Scale::kTiny);
+  EXPECT_TRUE(unused().empty());
+  command.train.network.space = Space::kNdc;
+  EXPECT_EQ(unused().size(), 2u);
 }
 
 TEST(TrainOptionsText, OnlyProposalsAreAnnealed) {
@@ -133,6 +151,8 @@ TEST(TrainOptionsText, AMethodIsToldWhatItDoesNotRead) {
   scene.alpha = scene.unbounded = true;  // so that nothing of the scene's leaves an option out
   scene.views.resize(1);
   scene.views[0].depth_path = "depth.png";
+  scene.views[0].mask_path = "mask.png";
+  scene.observations.resize(1);
   apps::TrainCommand grid, nerf;
   nerf.train = method_options("nerf", Scale::kTiny);
   int of_grid = 0, of_papers = 0;

@@ -18,6 +18,7 @@ namespace nerf {
 namespace {
 
 constexpr int kGradientRays = 2;
+constexpr double kDepth = 2, kDepthWeight = 0.5;  // of the first ray alone
 constexpr double kBefore = static_cast<double>(gradient_check::Run::kBefore);
 
 NetworkOptions tiny(NetworkOptions o) {
@@ -37,7 +38,8 @@ NetworkOptions tiny(NetworkOptions o) {
 struct LevelGiven {
   test::NetworkInputs<double> inputs;
   Rays rays;
-  std::vector<std::vector<double>> edges;  // of each ray, in normalised distance
+  std::vector<std::vector<double>> edges;   // of each ray, in normalised distance
+  std::vector<std::vector<double>> places;  // of each ray's samples, in inverse distance
 };
 
 LevelGiven level_given(const NetworkLevels& levels, int level) {
@@ -72,6 +74,15 @@ LevelGiven level_given(const NetworkLevels& levels, int level) {
     for (const Real entry : levels.posts(level, r))
       out.edges.back().push_back(levels.sampler().normalised(entry));
     if (!levels.sampler().intervals()) out.edges.back().push_back(1);
+    std::vector<double> ends;
+    for (const Real entry : levels.posts(level, r)) {
+      const double distance = static_cast<double>(levels.sampler().distance(entry));
+      ends.push_back(1 - 1 / (1 + distance));
+    }
+    out.places.emplace_back(ends);
+    if (!levels.sampler().intervals()) continue;
+    out.places.back().pop_back();
+    for (size_t i = 0; i + 1 < ends.size(); ++i) out.places.back()[i] = (ends[i] + ends[i + 1]) / 2;
   }
   return out;
 }
@@ -115,6 +126,13 @@ Columns<T> loss_of_levels(const NetworkField& field, const NetworkLosses& losses
   // A ray's scale is that of a mean over rays and three channels.
   const LevelGiven& last = given.back();
   const double per_ray = 3 * ray_scale;
+  if (losses.depth)
+    for (size_t l = 0; l < given.size(); ++l)
+      if (!given[l].inputs.target.empty())
+        terms.push_back(
+            {reference::depth_loss(given[l].places[0], of_ray(outputs[l].weights, given[l].rays, 0),
+                                   1 - 1 / (1 + kDepth), 0.01) *
+             T(kDepthWeight * per_ray)});
   for (size_t r = 0; r < kGradientRays; ++r) {
     const std::vector<T> w = of_ray(outputs.back().weights, last.rays, r);
     if (losses.distortion > 0)
@@ -170,7 +188,14 @@ std::vector<MethodCase> methods() {
   MethodCase plane = sheet;
   plane.name = "hypernerf_plane";
   plane.options.deform.slice = Slice::kPlane;
-  return {nerf, mipnerf, mipnerf360, nerfw, weighed, dnerf, nerfies, sheet, plane};
+  std::vector<MethodCase> all{nerf,  mipnerf, mipnerf360, nerfw, weighed,
+                              dnerf, nerfies, sheet,      plane};
+  for (const MethodCase& method : {nerf, mipnerf, mipnerf360, nerfw, dnerf}) {
+    all.push_back(method);
+    all.back().name += "_depth";
+    all.back().losses.depth = true;
+  }
+  return all;
 }
 
 // Of two photos of two moments, by two cameras.
@@ -217,12 +242,14 @@ TEST(NetworkLevels, GradientOfEveryLevelAndLoss) {
         NetworkRay& ray = rays[static_cast<size_t>(r)];
         ray.photo = ray.moment = ray.camera = r;
         ray.time = 0.5_r * static_cast<Real>(r);
+        ray.depth = r == 0 ? static_cast<Real>(kDepth) : 0;
       }
       const std::vector<NetworkRay> before = rays;
       NetworkLevels levels(field, kGradientRays, true, method.losses);
       // A hundredth of the loss: beside the pixels' terms, whose bound it shares, a penalty that
       // is a fifteenth off shows.
       levels.weigh_elastic(0.05_r);
+      levels.weigh_depth(static_cast<Real>(kDepthWeight));
       levels.forward(rays, 1);
       std::vector<LevelGiven> given;
       for (int l = 0; l < levels.levels(); ++l) given.push_back(level_given(levels, l));

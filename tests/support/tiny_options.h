@@ -66,6 +66,10 @@ inline TrainOptions tiny_method_options(const std::string& method, int64_t steps
   return o;
 }
 
+inline TrainOptions tiny_options(const std::string& method, int64_t steps) {
+  return method == kGridMethod ? tiny_options(steps) : tiny_method_options(method, steps);
+}
+
 // What a method can be trained on: the sphere, for those of scenes that move at a moment of its own
 // in each photo, by two cameras, with points on it that stand still.
 inline SyntheticCapture capture_of(const std::string& method, int views = 6, int size = 32) {

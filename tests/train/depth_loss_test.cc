@@ -1,8 +1,9 @@
-// The grid method's loss by depth maps, where colour says nothing: a plain wall.
+// The loss by depth maps, where colour says nothing: a plain wall.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "base/half.h"
 #include "nerf/model/renderer.h"
@@ -48,9 +49,9 @@ test::SyntheticCapture wall_capture(bool depth = true) {
 }
 
 // Mean distance of the rendered surface from the wall over the middle of a picture.
-double depth_error(const test::SyntheticCapture& c, double weight) {
-  TrainOptions options = test::tiny_options(120);
-  options.grid_recipe.depth_loss = weight;
+double depth_error(const std::string& method, const test::SyntheticCapture& c, double weight) {
+  TrainOptions options = test::tiny_options(method, method == kGridMethod ? 120 : 400);
+  options.pixel_recipe.depth_loss = weight;
   ThreadPool pool(2);
   Trainer trainer(c.scene, c.photos, options, pool);
   trainer.run({});
@@ -65,16 +66,18 @@ double depth_error(const test::SyntheticCapture& c, double weight) {
   return sum / count;
 }
 
-TEST(GridDepthLoss, PutsAPlainWallWhereTheMapsSay) {
+class DepthTrainingOf : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(DepthTrainingOf, PutsAPlainWallWhereTheMapsSay) {
   const auto c = wall_capture();
-  const double open = depth_error(c, 0), drawn = depth_error(c, 1);
+  const double open = depth_error(GetParam(), c, 0), drawn = depth_error(GetParam(), c, 1);
   RecordProperty("without", std::to_string(open));
   RecordProperty("with", std::to_string(drawn));
   EXPECT_GT(open, 0.3);
   EXPECT_LT(drawn, 0.06);
 }
 
-TEST(GridDepthLoss, APixelsDistanceIsAlongItsRay) {
+TEST(DepthTraining, APixelsDistanceIsAlongItsRay) {
   const auto c = wall_capture();
   const PixelSource source(c.scene, c.photos);
   EXPECT_TRUE(source.has_depth());
@@ -90,11 +93,11 @@ TEST(GridDepthLoss, APixelsDistanceIsAlongItsRay) {
   EXPECT_GT(largest, 1.02 * kWall);  // beside the axis
 }
 
-TEST(GridDepthLoss, WithoutMapsNothingChanges) {
+TEST(DepthTraining, WithoutMapsNothingChanges) {
   const auto bits = [](const test::SyntheticCapture& c, std::optional<double> weight) {
     ThreadPool pool(1);
     TrainOptions options = test::tiny_options(20);
-    options.grid_recipe.depth_loss = weight;
+    options.pixel_recipe.depth_loss = weight;
     Trainer trainer(c.scene, c.photos, options, pool);
     for (int i = 0; i < 12; ++i) trainer.step();
     return test::learnt_by(trainer);
@@ -112,7 +115,7 @@ TEST(GridDepthLoss, WithoutMapsNothingChanges) {
             internal::scene_fingerprint(with.scene, with.photos));
 }
 
-TEST(GridDepthLoss, ThreadsChangeNothing) {
+TEST(DepthTraining, ThreadsChangeNothing) {
   const auto c = wall_capture();
   const auto bits = [&](int threads) {
     ThreadPool pool(threads);
@@ -122,6 +125,9 @@ TEST(GridDepthLoss, ThreadsChangeNothing) {
   };
   EXPECT_EQ(bits(1), bits(2));
 }
+
+INSTANTIATE_TEST_SUITE_P(Methods, DepthTrainingOf, ::testing::Values("grid", "nerf", "mipnerf"),
+                         [](const auto& info) { return info.param; });
 
 }  // namespace
 }  // namespace nerf

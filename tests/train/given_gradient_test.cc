@@ -20,8 +20,7 @@ class GivenGradient : public ::testing::TestWithParam<std::string> {
  protected:
   static bool grid() { return GetParam() == kGridMethod; }
   static TrainOptions options(int64_t steps) {
-    TrainOptions o =
-        grid() ? test::tiny_options(steps) : test::tiny_method_options(GetParam(), steps);
+    TrainOptions o = test::tiny_options(GetParam(), steps);
     o.grid_recipe.huber_delta = 2;  // errors of colours are at most 1: all squares
     o.recipe.charbonnier = 0;
     return o;

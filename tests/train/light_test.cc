@@ -118,7 +118,7 @@ TEST(Light, FixedLightNeedsNothing) {
   EXPECT_EQ(o.grid_recipe.light.appearance, (AutoCount{false, 0}));
   EXPECT_EQ(o.grid_recipe.light.colour_correction, Switch::kOff);
   EXPECT_EQ(o.grid_recipe.light.vignetting, Switch::kOff);
-  EXPECT_FALSE(o.grid_recipe.point_depth.has_value());
+  EXPECT_FALSE(o.pixel_recipe.point_depth.has_value());
 }
 
 TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
@@ -126,12 +126,12 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   resolve_light({0.03, 0.5, 0.38, 0.08}, shadow);
   EXPECT_GT(shadow.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(shadow.grid_recipe.light.colour_correction, Switch::kOff);
-  EXPECT_FALSE(shadow.grid_recipe.point_depth.has_value());
+  EXPECT_FALSE(shadow.pixel_recipe.point_depth.has_value());
   TrainOptions phone;  // that chooses its exposure for each photo
   resolve_light({0.3, 0.35, 0.35}, phone);
   EXPECT_EQ(phone.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(phone.grid_recipe.light.colour_correction, Switch::kOn);
-  EXPECT_FALSE(phone.grid_recipe.point_depth.has_value());
+  EXPECT_FALSE(phone.pixel_recipe.point_depth.has_value());
   TrainOptions shines;  // and is brighter from where the lamp is seen in it
   resolve_light({0.3, 0.2, 0.2}, shines);
   EXPECT_EQ(shines.grid_recipe.light.colour_correction, Switch::kOff);
@@ -140,7 +140,7 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   EXPECT_GT(days.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(days.grid_recipe.light.colour_correction, Switch::kOn);
   EXPECT_EQ(days.grid_recipe.light.vignetting, Switch::kOn);
-  EXPECT_GT(days.grid_recipe.point_depth.value_or(0), 0);
+  EXPECT_GT(days.pixel_recipe.point_depth.value_or(0), 0);
   EXPECT_EQ(days.grid_recipe.light.robust, (AutoShare{false, 0}));
   TrainOptions people;  // of whom most of the even error is
   resolve_light({0.3, 0.64, 0.27, 0.24}, people);
@@ -152,11 +152,11 @@ TEST(Light, WhatDiffersIsLearntUnlessItIsSaidOtherwise) {
   EXPECT_EQ(crowd.grid_recipe.light.robust, (AutoShare{false, 0.5}));
   TrainOptions said = options_with(0, Switch::kOff, 1);
   said.grid_recipe.light.robust = {false, 0};
-  said.grid_recipe.point_depth = 0;
+  said.pixel_recipe.point_depth = 0;
   resolve_light({0.8, 0.9, 0.9, 0.3}, said);
   EXPECT_EQ(said.grid_recipe.light.appearance.count, 0);
   EXPECT_EQ(said.grid_recipe.light.colour_correction, Switch::kOff);
-  EXPECT_EQ(said.grid_recipe.point_depth, 0);
+  EXPECT_EQ(said.pixel_recipe.point_depth, 0);
   EXPECT_EQ(said.grid_recipe.light.robust, (AutoShare{false, 0}));
 }
 

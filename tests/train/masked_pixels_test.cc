@@ -3,7 +3,9 @@
 
 #include <cmath>
 #include <cstdint>
+#include <string>
 
+#include "nerf/model/network_field.h"
 #include "nerf/model/renderer.h"
 #include "nerf/train/trainer.h"
 #include "support/synthetic_scene.h"
@@ -16,10 +18,12 @@ namespace {
 constexpr int kSize = 32;
 
 // The sphere before a wall of another colour in each photo, without alpha. Every photo's mask
-// leaves out the wall; those of `spoilt` photos the sphere too.
+// leaves out the wall, which cuts the sphere out; with `spoilt` photos, whose masks leave out the
+// sphere too, the set says that masks are of what stands in the way.
 test::SyntheticCapture masked_capture(int photos, int spoilt) {
   test::SyntheticCapture c = test::sphere_capture(photos, kSize);
   c.scene.alpha = false;
+  double masked = 0;
   for (int v = 0; v < photos; ++v) {
     Photo& photo = c.photos.photos[static_cast<size_t>(v)];
     photo.mask.assign(size_t{kSize} * kSize, 255);
@@ -31,8 +35,10 @@ test::SyntheticCapture masked_capture(int photos, int spoilt) {
         rgba[3] = 255;
       }
       if (v % 4 != 0 && v / 4 < spoilt) photo.mask[i] = 0;
+      masked += photo.mask[i] == 0;
     }
   }
+  c.photos.fraction_masked = spoilt > 0 ? 0.4 : masked / (photos * kSize * kSize);
   return c;
 }
 
@@ -67,10 +73,11 @@ TEST(MaskedPixels, AreDrawnAsOftenAsTheyAreSaidTo) {
 struct Opacity {
   double sphere = 0, beside = 0;
 };
-Opacity trained_opacity(const test::SyntheticCapture& c, double masked_share) {
+Opacity trained_opacity(const std::string& method, const test::SyntheticCapture& c,
+                        double masked_share) {
   ThreadPool pool(2);
-  TrainOptions options = test::tiny_options(600);
-  options.grid_recipe.masked_share = masked_share;
+  TrainOptions options = test::tiny_options(method, method == kGridMethod ? 600 : 1500);
+  options.pixel_recipe.masked_share = masked_share;
   Trainer trainer(c.scene, c.photos, options, pool);
   trainer.run({});
   const View& view = c.scene.views[0];
@@ -93,6 +100,7 @@ Opacity trained_opacity(const test::SyntheticCapture& c, double masked_share) {
 TEST(MaskedPixels, AreMoreAndStayWhereMasksCutOut) {
   PhotoSet photos;
   TrainOptions options;
+  EXPECT_EQ(masked_share(options, photos).first, 0);
   photos.fraction_masked = 0.2;
   MaskedShare share = masked_share(options, photos);
   EXPECT_DOUBLE_EQ(share.last, 0.01 * share.first);
@@ -101,21 +109,47 @@ TEST(MaskedPixels, AreMoreAndStayWhereMasksCutOut) {
   share = masked_share(options, photos);
   EXPECT_GT(share.first, in_the_way);
   EXPECT_EQ(share.last, share.first);
-  options.grid_recipe.masked_share = 0;
+  options.method = "nerf";
+  EXPECT_EQ(masked_share(options, photos).first, share.first);
+  photos.fraction_masked = 0.2;
   EXPECT_EQ(masked_share(options, photos).first, 0);
+  options.pixel_recipe.masked_share = 0.4;
+  EXPECT_EQ(masked_share(options, photos).first, 0.4);
 }
 
-TEST(MaskedPixels, AreEmptyWhereNoPhotoShowsAnything) {
+// Of a network that is opaque at the end nothing can be transparent.
+TEST(MaskedPixels, OpenTheEndOfRays) {
+  const auto options_after = [](const char* method, double share) {
+    const test::SyntheticCapture c = masked_capture(8, 0);
+    ThreadPool pool(1);
+    TrainOptions options = test::tiny_method_options(method, 4);
+    options.pixel_recipe.masked_share = share;
+    return Trainer(c.scene, c.photos, options, pool).snapshot().network().options;
+  };
+  EXPECT_TRUE(options_after("mipnerf360", 0).opaque_end);
+  EXPECT_FALSE(options_after("mipnerf360", 0.1).opaque_end);
+  EXPECT_GT(options_after("nerfw", 0).last_interval, 0);
+  EXPECT_EQ(options_after("nerfw", 0.1).last_interval, 0);
+}
+
+class MaskedPixelsOf : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(MaskedPixelsOf, AreEmptyWhereNoPhotoShowsAnything) {
   const test::SyntheticCapture c = masked_capture(24, 0);
-  const Opacity without = trained_opacity(c, 0), with = trained_opacity(c, 0.5);
+  const Opacity without = trained_opacity(GetParam(), c, 0),
+                with = trained_opacity(GetParam(), c, 0.5);
   RecordProperty("without", std::to_string(without.beside));
   EXPECT_GT(without.beside, 0.2);  // what nothing is said of is anything
   EXPECT_LT(with.beside, 0.05);
   EXPECT_GT(with.sphere, 0.95);
 }
 
+// Of one photo's rays, and of rays whose photo has codes.
+INSTANTIATE_TEST_SUITE_P(Methods, MaskedPixelsOf, ::testing::Values("grid", "nerf", "nerfw"),
+                         [](const auto& info) { return info.param; });
+
 TEST(MaskedPixels, GiveWayToPhotosThatShowSomething) {
-  const Opacity mean = trained_opacity(masked_capture(24, 3), 0.5);
+  const Opacity mean = trained_opacity(kGridMethod, masked_capture(24, 3), 0.5);
   EXPECT_LT(mean.beside, 0.05);
   EXPECT_GT(mean.sphere, 0.95);
 }

@@ -212,7 +212,7 @@ TEST(Dnerf, LearnsFromTheFinePixelAlone) {
   const TrainOptions o = method_options("dnerf", Scale::kPaper);
   const NetworkField field(o.network, 2, 6);
   EXPECT_EQ(field.networks.size(), 1u);
-  NetworkLevels levels(field, 1, true, losses_of(o.recipe));
+  NetworkLevels levels(field, 1, true, losses_of(o.recipe, false));
   EXPECT_FALSE(levels.tape(0).learns());
   EXPECT_TRUE(levels.tape(1).learns());
   EXPECT_EQ(levels.renderings(), 1);

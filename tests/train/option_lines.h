@@ -72,6 +72,7 @@ inline void with_masks(OptionSetting& s) {
     for (size_t i = 0; i < p.mask.size(); ++i)
       p.mask[i] = i % static_cast<size_t>(p.width) < static_cast<size_t>(p.width / 2) ? 255 : 0;
   }
+  s.capture.photos.fraction_masked = 0.5;
 }
 inline void learnt_light(OptionSetting& s) {
   s.options.grid_recipe.light.appearance = {false, 4};
@@ -232,7 +233,7 @@ inline const std::vector<OptionLine>& option_lines() {
       {"distortion", {"0.01"}},
       {"depth_loss", {"0.5"}, with_depth},
       {"point_depth", {"0.3"}, unbounded_with_points},
-      {"masked_share", {"0"}, with_masks},
+      {"masked_share", {"0.5"}, with_masks},
       {"early_samples", {"1"}},
       {"shared_colour", {"0"}},
       {"stop_transmittance", {"0.1"}},

@@ -41,10 +41,7 @@ class InBothPrecisions : public ::testing::TestWithParam<std::string> {
   static Precision other() {
     return bf16_unit() == Bf16Unit::kNone ? Precision::kF32 : Precision::kBf16;
   }
-  static TrainOptions options(int64_t steps) {
-    return GetParam() == kGridMethod ? test::tiny_options(steps)
-                                     : test::tiny_method_options(GetParam(), steps);
-  }
+  static TrainOptions options(int64_t steps) { return test::tiny_options(GetParam(), steps); }
 };
 
 // Hundreds of steps: rounding does not add up. What two trainings make of the roundings depends on

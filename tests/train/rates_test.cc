@@ -15,8 +15,7 @@ namespace {
 class Rates : public ::testing::TestWithParam<std::string> {
  protected:
   static TrainOptions options(double rate) {
-    TrainOptions o = GetParam() == kGridMethod ? test::tiny_options(40)
-                                               : test::tiny_method_options(GetParam(), 40);
+    TrainOptions o = test::tiny_options(GetParam(), 40);
     o.rate = rate;
     return o;
   }

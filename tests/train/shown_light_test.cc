@@ -89,6 +89,22 @@ TEST(ShownLight, ExifIsTrustedWhereItExplainsThePhotos) {
   EXPECT_FALSE(shown_light(c.scene, c.photos).exif_factor.has_value());
 }
 
+// Each of which sees as many points as any other.
+TEST(ShownLight, AFewPhotosTellNothingOfTheirLens) {
+  auto c = grey_photos();
+  for (const Observation& seen : std::vector(c.scene.observations))
+    for (int copy = 0; copy < 4; ++copy) c.scene.observations.push_back(seen);
+  for (const size_t others : {8u, 12u}) {
+    for (View& view : c.scene.views) view.lens = "one";
+    for (size_t i = others; i < c.scene.train.size(); ++i)
+      c.scene.views[static_cast<size_t>(c.scene.train[i])].lens = "other";
+    const ShownLight light = shown_light(c.scene, c.photos);
+    ASSERT_EQ(light.lenses.size(), 2u);
+    for (const ShownLight::Lens& lens : light.lenses)
+      EXPECT_EQ(lens.corner_stops.has_value(), lens.photos >= 8) << lens.name << lens.photos;
+  }
+}
+
 TEST(ShownLight, NothingIsShownWithoutPoints) {
   const auto c = test::sphere_capture(12);
   const ShownLight light = shown_light(c.scene, c.photos);

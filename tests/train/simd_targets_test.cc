@@ -20,8 +20,7 @@ constexpr int kSteps = 100;
 class TrainedOnTargets : public ::testing::TestWithParam<std::string> {
  protected:
   static TrainOptions options() {
-    TrainOptions o = GetParam() == kGridMethod ? test::tiny_options(kSteps)
-                                               : test::tiny_method_options(GetParam(), kSteps);
+    TrainOptions o = test::tiny_options(GetParam(), kSteps);
     o.precision = Precision::kF32;
     return o;
   }

@@ -31,14 +31,17 @@ struct NetworkLosses {
   // Share of a ray's light below which a sample is negligible in a training that skips. Of a
   // softplus's samples it is the weight w: with the optical thickness x the pixel's derivative by
   // the raw density is at most w x / (e^x - 1) <= w times a difference of colours, and w by the
-  // sample's colour. Of a ReLU's, whose derivative does not fall with the density, it is the light
-  // that reaches the sample.
+  // sample's colour; depth_loss()'s is at most w times a difference of places, below 1. Of a
+  // ReLU's, whose derivative does not fall with the density, it is the light that reaches the
+  // sample.
   Real negligible = 0;
   // Of networks with transient matter, of the last level: NetworkTape::Losses.
   Real least_deviation = 0.03_r, transient_density = 0;
   // Of the first level of a scene that moves (Park et al. 2021, section 3.3): how far its warp is
   // from motions of rigid parts, for a mean over rays of the sum over samples.
   bool elastic = false;
+  // Of levels that learn colours: depth_loss() of rays whose depth is known, for a mean over rays.
+  bool depth = false;
 };
 
 class NetworkLevels {
@@ -65,6 +68,9 @@ class NetworkLevels {
 
   // Training with NetworkLosses::elastic: its weight from the next forward() on.
   void weigh_elastic(Real weight) { elastic_weight_ = weight; }
+
+  // Training with NetworkLosses::depth: its weight from the next forward() on.
+  void weigh_depth(Real weight) { depth_weight_ = weight; }
 
   // The networks' products from these packs, which must outlive this.
   void use_packs(const LayerPacks* packs);
@@ -175,6 +181,7 @@ class NetworkLevels {
                    const EndOfRay& end_of_ray) const;
   void count_dense(const NetworkTape& tape, const Chunk& chunk);
   double losses_on_weights(size_t level);
+  double depth_loss_of(int level, int ray, Real scale, std::span<Real> d_weights);
   Level& rendering_level(int rendering) const;
 
   const NetworkField& field_;
@@ -189,9 +196,9 @@ class NetworkLevels {
   bool cut_ = false;
   std::vector<Real> code_;
   Moments moments_;
-  Real elastic_weight_ = 0;
+  Real elastic_weight_ = 0, depth_weight_ = 0;
   int64_t dense_ = 0, all_ = 0, unasked_ = 0;
-  std::vector<Real> edges_, final_edges_, gradient_of_all_;  // of losses on weights
+  std::vector<Real> edges_, final_edges_, middles_, gradient_of_all_;  // of losses on weights
 };
 
 }  // namespace nerf

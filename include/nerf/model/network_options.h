@@ -128,8 +128,9 @@ struct NetworkOptions {
       at_least(0), at_most(1));
     v("opaque_end", opaque_end, "the last interval of a ray lets nothing through");
     v("last_interval", last_interval,
-      "length behind the last sample of coarse+fine resampling, engine units", above(0),
-      at_most(1e10));
+      "length behind the last sample of coarse+fine resampling, engine units; 0 where masked "
+      "pixels are drawn as transparent ones",
+      at_least(0), at_most(1e10));
     v("initialisation", initialisation, "distribution of the first weights");
   }
   // Throws Error for combinations that cannot be.

@@ -33,6 +33,7 @@ struct NetworkRay {
   // First and last distance of its samples, in t; far of 0: the field's.
   Real near = 0, far = 0;
   Vec3 target;     // colour of the pixel
+  Real depth = 0;  // where its light should end, in t; 0: unknown
   Real scale = 0;  // of its squared error, summed over channels, in the loss
   Random random{0, 0, 0};
 };

@@ -17,6 +17,10 @@ double distortion_loss(std::span<const Real> edges, std::span<const Real> weight
 double distortion_loss(std::span<const Real> middles, std::span<const Real> widths,
                        std::span<const Real> weights, Real scale, std::span<Real> d_weights);
 
+// Where a distance from the camera, in engine units, stands in inverse distance: 0 at the camera, 1
+// at infinity.
+inline Real inverse_place(Real distance) { return 1 - 1 / (1 + distance); }
+
 // How far the light of a ray is from where it should end: sum_i w_i c(m_i) + (1 - sum_i w_i) c(1),
 // where c(m) = max(0, |m - depth| - tolerance); what passes all n intervals counts as at 1. This is
 // the 1-Wasserstein (earth mover's) distance of the distribution of the light to that place, but

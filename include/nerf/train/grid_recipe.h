@@ -19,12 +19,9 @@ struct GridRecipe {
   double beta1 = 0.8, beta2 = 0.95;
   double final_beta1 = 0.9, final_beta2 = 0.99;
   double huber_delta = 0.5;
-  std::optional<double> distortion;    // see distortion_weight()
-  std::optional<double> depth_loss;    // see depth_loss_weight()
-  std::optional<double> point_depth;   // see point_depth_share()
-  std::optional<double> masked_share;  // see masked_share()
-  double early_samples = 0.2;          // of the first steps, as a share of samples_per_cell
-  double shared_colour = 0.125;        // light of a pixel that samples of one colour have together
+  std::optional<double> distortion;  // see distortion_weight()
+  double early_samples = 0.2;        // of the first steps, as a share of samples_per_cell
+  double shared_colour = 0.125;      // light of a pixel that samples of one colour have together
   double stop_transmittance = 1.0 / 1024;  // light below which a sample learns nothing
   double gradient_roulette = 1;            // of the mean gradient: what is below learns by chance
   double occupancy_threshold = 0.01;       // opacity of a cell width below which a cell is empty
@@ -53,19 +50,6 @@ struct GridRecipe {
       "weight of the loss that draws the light of a ray together; without it 0.02 where the scene "
       "is unbounded, else 0",
       at_least(0), at_most(1000));
-    v("depth_loss", depth_loss,
-      "weight, at first, of the loss that draws the light of a ray to where its photo's depth map "
-      "says, where there is one",
-      at_least(0), at_most(1000));
-    v("point_depth", point_depth,
-      "share of the pixels that are drawn where a sparse point is seen, whose distance counts like "
-      "that of a depth map",
-      at_least(0), at_most(1));
-    v("masked_share", masked_share,
-      "share of the pixels that masks leave out that is drawn, as transparent ones, so that what "
-      "no photo shows is empty; without it 0.3 where masks leave out more than half of all pixels, "
-      "else 0.1 at first and 0.001 at last; 0: they teach nothing",
-      at_least(0), at_most(1));
     v("early_samples", early_samples,
       "samples per cell of the first steps, as a share of --grid-samples-per-cell, which the last "
       "steps take, and where the scene is bounded all after 200 million samples: many rays first, "

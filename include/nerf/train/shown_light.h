@@ -16,7 +16,8 @@ struct ShownLight {
     std::string name;
     int photos = 0;  // for training
     // How much darker a corner is than the middle, stops of linear light, by a falloff that grows
-    // with r^2 alone, and its standard error. No value where too few points are seen.
+    // with r^2 alone, and its standard error. No value where there are too few photos, or they see
+    // too few points.
     std::optional<double> corner_stops = {};
     double error = 0;
   };

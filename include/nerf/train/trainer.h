@@ -24,6 +24,7 @@
 #include "nerf/model/radiance_field.h"
 #include "nerf/train/grid_recipe.h"
 #include "nerf/train/network_recipe.h"
+#include "nerf/train/pixel_recipe.h"
 #include "nerf/train/plan.h"
 
 namespace nerf {
@@ -57,6 +58,7 @@ struct TrainOptions {
   int warmup_steps = 64;                   // over which the rate rises
   double hold = 0.1;  // share of the steps before the rate begins to fall: linearly with the grid
                       // method, exponentially with the others
+  PixelRecipe pixel_recipe;
   // Field and recipe of the grid method, and of the papers'. A method reads one pair of them
   // (reads_option() of methods.h).
   GridRecipe grid_recipe;
@@ -93,6 +95,7 @@ struct TrainOptions {
       "share of the steps before the step size begins to fall; a budget of minutes fixes the "
       "number of steps within it",
       at_least(0), at_most(0.9));
+    pixel_recipe.visit_options(v);
     v.heading("Training of the grid method");
     grid_recipe.visit_options(v);
     v("grid", grid, "Field of the grid method");
@@ -112,22 +115,24 @@ Vec3 background_of(const TrainOptions& options, const Scene& scene);
 // options say, or a default by the kind of scene.
 double distortion_weight(const TrainOptions& options, const Scene& scene);
 
-// Weight of the grid method's loss by depth maps (parts/losses.h) at the first step, for a mean
-// over rays; 0 where no training photo has one.
+// Weight of the loss by depth maps and sparse points (parts/losses.h) at the first step, for a mean
+// over rays; 0 where no training photo has either, or a ray's distance is not along itself
+// (normalised device coordinates).
 double depth_loss_weight(const TrainOptions& options, const Scene& scene, const PhotoSet& photos);
 
-// Of the grid method's pixels, those drawn where a sparse point is seen, whose distance the same
-// loss takes; 0 where the capture has no points.
+// Of the pixels, the share drawn where a sparse point is seen, whose distance the same loss takes;
+// 0 where the capture has no points.
 double point_depth_share(const TrainOptions& options, const Scene& scene);
 
 // Whether the photos' masks leave so much out that what they keep is an object cut out, and not a
 // scene in whose way something stands.
 bool masks_cut_out(const PhotoSet& photos);
 
-// Of the pixels that masks leave out, the share that the grid method draws as transparent ones: in
-// the first steps, and in the last.
+// Of the pixels that masks leave out, the share that is drawn as transparent ones, over colours
+// that are never the same twice: in the first steps, and in the last.
 struct MaskedShare {
   double first = 0, last = 0;
+  double at(double progress) const;  // of TrainingPlan
 };
 MaskedShare masked_share(const TrainOptions& options, const PhotoSet& photos);
 
