@@ -25,7 +25,7 @@ using MethodLine = std::array<std::string, kMethodColumns>;
 struct MethodFamily {
   bool one_preset;                  // for all scales
   bool learns_from_reduced_photos;  // see methods.h
-  double masked_in_the_way;         // MaskedShare::first where masks do not cut out
+  bool draws_masked;                // MaskedShare is above 0 unless it is said otherwise
   double (*minutes)(Scale);         // of a training that is given no length
   std::unique_ptr<TrainerImpl> (*make_trainer)(const Scene&, const PhotoSet&, const TrainOptions&,
                                                ThreadPool&);

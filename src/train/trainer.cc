@@ -82,10 +82,11 @@ double MaskedShare::at(double progress) const {
 MaskedShare masked_share(const TrainOptions& options, const PhotoSet& photos) {
   // What was emptied early stays so. Beside what stands in the way of a scene photos do show
   // something, which must not be held back for long (docs/wild.md).
-  constexpr double kCutOut = 0.3, kLastInTheWay = 0.01;
+  constexpr double kCutOut = 0.3, kInTheWay = 0.1, kLastInTheWay = 0.01;
   if (photos.fraction_masked == 0) return {};
   const bool cut_out = masks_cut_out(photos);
-  const double usual = cut_out ? kCutOut : internal::family_of(options).masked_in_the_way;
+  const double drawn = cut_out ? kCutOut : kInTheWay;
+  const double usual = internal::family_of(options).draws_masked ? drawn : 0;
   const double first = options.pixel_recipe.masked_share.value_or(usual);
   return {first, cut_out ? first : kLastInTheWay * first};
 }

@@ -110,8 +110,6 @@ TEST(MaskedPixels, AreMoreAndStayWhereMasksCutOut) {
   EXPECT_GT(share.first, in_the_way);
   EXPECT_EQ(share.last, share.first);
   options.method = "nerf";
-  EXPECT_EQ(masked_share(options, photos).first, share.first);
-  photos.fraction_masked = 0.2;
   EXPECT_EQ(masked_share(options, photos).first, 0);
   options.pixel_recipe.masked_share = 0.4;
   EXPECT_EQ(masked_share(options, photos).first, 0.4);

@@ -24,9 +24,10 @@ struct PixelRecipe {
       at_least(0), at_most(1));
     v("masked_share", masked_share,
       "share of the pixels that masks leave out that is drawn, as transparent ones, so that what "
-      "no photo shows is empty; without it 0.3 where masks leave out more than half of all pixels, "
-      "else with tables 0.1 at first and 0.001 at last, and with the papers' methods 0: they teach "
-      "nothing",
+      "no photo shows is empty; 0: they teach nothing. Without it with tables 0.3 where masks "
+      "leave "
+      "out more than half of all pixels, else 0.1 at first and 0.001 at last; with the papers' "
+      "methods 0",
       at_least(0), at_most(1));
   }
 };
