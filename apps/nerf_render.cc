@@ -83,6 +83,7 @@ int render_main(int argc, char** argv) {
   RenderOptions options;
   options.background = command.background.value_or(field.info().background);
   options.bbox = command.bbox;
+  options.sky = !command.background;
   options.precision = command.precision;
   options.supersample = command.supersample;
   if (!command.medium.empty()) options.medium = parse_medium(command.medium, field.info());

@@ -48,6 +48,7 @@ void look_at_light(TrainCommand& command, bool resumes, const Scene& scene, cons
     learnt.push_back(has_exif ? "exposure and white balance, beginning with EXIF's exposure"
                               : "exposure and white balance");
   if (light.vignetting == Switch::kOn) learnt.push_back("vignetting");
+  if (light.sky == Switch::kOn) learnt.push_back("a sky");
   if (command.train.pixel_recipe.point_depth.value_or(0) > 0)
     learnt.push_back("distances of sparse points");
   log_info(fmt::format("light         {}{} ({}; {:.1f} s)", learnt.empty() ? "fixed" : "differs: ",

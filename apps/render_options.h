@@ -184,8 +184,9 @@ struct RenderCommand {
     v("bbox", bbox, "draws nothing outside this box, input coordinates",
       brief("draws nothing outside this box"));
     v("background", background,
-      "sRGB colour behind the scene, each 0 to 1; without it what nerf_train --background said, or "
-      "white; not used with a paper's method that learnt photos without alpha: always black",
+      "sRGB colour behind the scene, each 0 to 1; without it the sky that nerf_train --sky learnt, "
+      "what its --background said, or white; not used with a paper's method that learnt photos "
+      "without alpha: always black",
       at_least(0), at_most(1), metavar("R,G,B"), brief("colour behind the scene, each 0 to 1"));
     v("appearance", appearance,
       "the light of the pictures, where the model has learnt the photos': a photo's name; several "

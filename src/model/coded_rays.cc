@@ -6,6 +6,7 @@
 
 #include "model/field_integrator.h"
 #include "model/medium_ray.h"
+#include "model/sky.h"
 #include "nerf/kernels/elementwise.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/model/integrator.h"
@@ -78,6 +79,8 @@ class TableRays final : public CodedRays {
       const SharedSamples& block = blocks_[static_cast<size_t>(b)];
       for (size_t begin = 0; begin < block.places.size(); begin += kChunkSamples)
         head->add(block, begin, numbers, rays_.subspan(first), rgb.data() + 3 * first);
+      if (!block.sky_places.empty())
+        head->add_sky(block, numbers, rays_.subspan(first), rgb.data() + 3 * first);
     });
     return rgb;
   }
@@ -90,6 +93,7 @@ class TableRays final : public CodedRays {
         : tape(field, GridTape::Purpose::kPictures),
           chunk(tape.tape),
           sample_begin(kChunkRays + 1) {
+      if (field.has_sky()) sky.emplace(field, packs);
       chunk.weights = field.weights.data();
       chunk.packs = &packs;
       std::iota(sample_begin.begin(), sample_begin.end(), 0);
@@ -122,9 +126,21 @@ class TableRays final : public CodedRays {
               block.weights[begin + i] * colour[k * row + i];
     }
 
+    void add_sky(const SharedSamples& block, const std::vector<Real>& code,
+                 std::span<const Ray> rays, Real* rgb) {
+      sky->set_code(code);
+      for (size_t i = 0; i < block.sky_places.size(); ++i) {
+        const size_t place = static_cast<size_t>(block.sky_places[i]);
+        const Real share = block.sky_shares[i];
+        sky->add(rays[place].direction.cast<Real>(), {share, share, share}, rgb + 3 * place);
+      }
+      sky->finish();
+    }
+
     GridTape tape;
     Chunk chunk;
     std::vector<int32_t> sample_begin;
+    std::optional<SkyLight> sky;
   };
 
   const GridField& field_;

@@ -24,6 +24,9 @@ struct SharedSamples {
   std::vector<int> places;     // of their rays
   std::vector<Real> weights;   // of the ray's light, together
   std::vector<Real> geometry;  // [..][GridOptions::geometry_features], mean over the samples
+  // Rays that end in the sky, and what they have left of their light.
+  std::vector<int> sky_places;
+  std::vector<Real> sky_shares;
 };
 
 // Where results go, each at the place of its ray. Zero before; colours and opacities are always

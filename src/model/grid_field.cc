@@ -20,6 +20,8 @@ namespace {
 
 // Of a learnt medium: softplus of it is 0.1 per engine unit.
 constexpr Real kFirstCoefficient = -2.25_r;
+// Hidden layers of the sky's network, and their width.
+constexpr int kSkyLayers = 2, kSkyWidth = 32;
 
 // Layers in -> hidden x n -> out, placed one after the other in the parameter array.
 std::vector<LinearWeights> place_layers(int in, int hidden, int hidden_layers, int out,
@@ -76,9 +78,7 @@ void GridOptions::check_options() const {
                 "--grid-finest-resolution", "give at least as many cells");
 }
 
-GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
-                     const CodeShape& shape_of_codes, const MotionShape& shape_of_motion,
-                     LearntMedium learnt)
+GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades, const GridParts& parts)
     : options(o),
       unbounded(is_unbounded),
       shape(hash_grid_shape(o)),
@@ -88,21 +88,25 @@ GridField::GridField(const GridOptions& o, bool is_unbounded, int cascades,
       clip{{-1e30, -1e30, -1e30}, {1e30, 1e30, 1e30}} {
   simd_target();  // chosen, or found missing, before any kernel runs
   size_t size = 0;
-  motion = MotionNetworks(shape_of_motion, 0);  // placed below
+  motion = MotionNetworks(parts.motion, 0);  // placed below
   density_layers = place_layers(shape.features() + motion.rows(), o.hidden, o.density_layers,
                                 o.geometry_features, size);
-  const int code = shape_of_codes.any() ? shape_of_codes.appearance : 0;
-  const int direction = learnt == LearntMedium::kNone ? kSphericalHarmonics : 0;
+  const int code = parts.codes.any() ? parts.codes.appearance : 0;
+  const int direction = parts.medium == LearntMedium::kNone ? kSphericalHarmonics : 0;
   colour_layers =
       place_layers(o.geometry_features + direction + code, o.hidden, o.colour_layers, 3, size);
-  motion = MotionNetworks(shape_of_motion, size);
-  if (learnt != LearntMedium::kNone)
-    medium_numbers = {motion.end, learnt == LearntMedium::kFog ? kFogNumbers : kWaterNumbers, 1};
-  const size_t networks = motion.end + (medium_numbers.out > 0 ? medium_numbers.size() : 0);
-  books = CodeBooks(shape_of_codes, networks);
-  weights = AlignedArray<Real>(networks + books.size());
+  motion = MotionNetworks(parts.motion, size);
+  size = motion.end;
+  if (parts.medium != LearntMedium::kNone) {
+    medium_numbers = {size, parts.medium == LearntMedium::kFog ? kFogNumbers : kWaterNumbers, 1};
+    size += medium_numbers.size();
+  }
+  if (parts.sky)
+    sky_layers = place_layers(kSphericalHarmonics + code, kSkyWidth, kSkyLayers, 3, size);
+  books = CodeBooks(parts.codes, size);
+  weights = AlignedArray<Real>(size + books.size());
   std::vector<LinearWeights*> all;
-  for (auto* layers : {&density_layers, &colour_layers})
+  for (auto* layers : {&density_layers, &colour_layers, &sky_layers})
     for (LinearWeights& w : *layers) all.push_back(&w);
   for (LinearWeights* w : motion.layers()) all.push_back(w);
   place_packs(all);
@@ -125,6 +129,7 @@ std::vector<LinearWeights> GridField::layers() const {
   all.insert(all.end(), colour_layers.begin(), colour_layers.end());
   MotionNetworks networks = motion;
   for (const LinearWeights* w : networks.layers()) all.push_back(*w);
+  all.insert(all.end(), sky_layers.begin(), sky_layers.end());
   return all;
 }
 
@@ -142,7 +147,7 @@ void GridField::initialise(uint64_t seed) {
   }
   std::fill(weights.begin(), weights.end(), 0.0_r);
   uint64_t layer = 0;
-  for (const auto* layers : {&density_layers, &colour_layers})
+  for (const auto* layers : {&density_layers, &colour_layers, &sky_layers})
     for (const LinearWeights& w : *layers)
       draw_weights(w, xavier_bound(w),
                    Random(seed, random_key(RandomStream::kFirstNetworks), layer++), weights.data());
@@ -208,21 +213,22 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
   if (training && losses.roulette) gradient_roulette = roulette(tape, geometry, *losses.roulette);
   density = truncated_exp(tape, slice(tape, geometry, 0, 1));
   density_operations_ = tape.operations();
-  if (sloped) {
+  if (sloped || losses.on_density) {
     density_gradient = tape.input(1, Domain::kSamples);
     add_gradient(tape, density, density_gradient);
+  }
+  if (sloped) {
     tape.plan();
     return;
   }
+  Value of_rays = -1;  // the photo's numbers
+  if (codes.out > 0) of_rays = training ? table_rows(tape, photo, codes) : code;
   const auto colour_of = [&](Value geometry_features, Domain domain) {
     // A colour that may depend on the direction would explain the medium between as well.
     Value seen = field.medium_numbers.out > 0
                      ? geometry_features
                      : concat(tape, geometry_features, view_code(tape, directions, domain));
-    if (codes.out > 0) {
-      const Value of_rays = training ? table_rows(tape, photo, codes) : code;
-      seen = concat(tape, seen, repeat_for(tape, of_rays, domain));
-    }
+    if (of_rays >= 0) seen = concat(tape, seen, repeat_for(tape, of_rays, domain));
     return sigmoid(tape, mlp(tape, seen, field.colour_layers));
   };
   const bool grouped = training && losses.shared_colour > 0;
@@ -253,6 +259,10 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     add_gradient(tape, image.weights, weight_gradient);
   }
   if (seen_through) image.pixel = over_medium(tape, image.pixel, field.medium_numbers);
+  if (training && field.has_sky()) {
+    cover = tape.input(1, Domain::kRays);
+    image.pixel = over_sky(tape, image.pixel, record_sky(tape, field, directions, of_rays), cover);
+  }
   if (training && changes.out > 0)
     image.pixel = change_colours(tape, image.pixel, background, table_rows(tape, photo, changes));
   if (lens >= 0)
@@ -260,6 +270,12 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
                            table_rows(tape, lens, field.books.falloff), corner);
   if (training) pixel_loss = record_pixel_loss(tape, image.pixel, losses.pixel);
   tape.plan();
+}
+
+Value record_sky(Tape& tape, const GridField& field, Value directions, Value code) {
+  Value seen = view_code(tape, directions, Domain::kRays);
+  if (code >= 0) seen = concat(tape, seen, code);
+  return sigmoid(tape, mlp(tape, seen, field.sky_layers));
 }
 
 void place_samples(const GridField& field, const Vec3& entry, const Vec3& direction, const Real* t,

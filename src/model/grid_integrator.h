@@ -9,6 +9,7 @@
 #include "model/field_integrator.h"
 #include "model/medium_ray.h"
 #include "model/motion_lattice.h"
+#include "model/sky.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/grid_field.h"
 #include "nerf/parts/ray_sampler.h"
@@ -55,8 +56,9 @@ class GridIntegrator {
     double before = 0;
     double light = 0, first_moment = 0, second_moment = 0;  // sums of w, w t and w t^2
     Vec3 entry, direction, background;
-    double start = 0;  // distance of the entry
-    Real time = 0;     // Ray::time
+    double start = 0;   // distance of the entry
+    Real time = 0;      // Ray::time
+    bool ends = false;  // Ray::ends
     bool finished = false;
   };
 
@@ -76,6 +78,8 @@ class GridIntegrator {
   void add_shaded(size_t way, Real shared, double transmittance);
   void shade();
   void close(Way& way, const SeenLight* seen);
+  // What is left of a ray's light comes from its background, or from the sky.
+  void add_behind(const Way& way, const SeenLight* seen);
   const SeenLight* seen_of(size_t way) const { return medium_ ? seen_.data() + way : nullptr; }
   // Of a sample, as far as it does not reach beyond the middles between samples: from the entry.
   std::pair<Real, Real> interval_of(const Way& way, size_t sample) const;
@@ -92,6 +96,7 @@ class GridIntegrator {
   const RenderOptions& options_;
   std::optional<ObliqueBox> box_;
   std::optional<EngineMedium> medium_;
+  std::optional<SkyLight> sky_;
   std::vector<Real> code_;  // of the picture's appearance, where the field has codes
   RaySink sink_;
   bool has_moments_ = false, has_percentiles_ = false, has_deep_ = false;

@@ -274,8 +274,7 @@ struct Insertion::Impl {
         if (sight.met[i].alpha < 1) {
           Ray ray = sight.ray;
           ray.near = ray.medium_from = sight.met[i].t;
-          if (round > 0) ray.far = sight.met[i + 1].t;
-          ray.background = sight.behind;
+          if (round > 0) ray.end_on(sight.met[i + 1].t, sight.behind);
           rays.push_back(ray);
           of.push_back(&sight);
         }

@@ -253,8 +253,11 @@ RadianceField read_model(const ContainerReader& file) {
 
   options.table_bits = kTableBits;
   auto field =
-      std::make_shared<GridField>(options, info.unbounded, cascades, codes_from(file, header),
-                                  motion_from(header), medium_from(header));
+      std::make_shared<GridField>(options, info.unbounded, cascades,
+                                  GridParts{.codes = codes_from(file, header),
+                                            .motion = motion_from(header),
+                                            .medium = medium_from(header),
+                                            .sky = header.has("sky") && header.boolean("sky")});
   file.read("table", field->half_table.span());
   read_weights(file, field->weights.span(), field->network_size());
   std::vector<uint8_t> levels(field->occupancy.levels().size());
@@ -309,6 +312,7 @@ void RadianceField::save(const std::filesystem::path& path) const {
   if (!grid_->motion.empty()) header["motion"] = internal::motion_to_json(grid_->motion.shape);
   if (const LearntMedium medium = grid_->learnt_medium(); medium != LearntMedium::kNone)
     header["medium"] = internal::medium_name(medium);
+  if (grid_->has_sky()) header["sky"] = true;
   header["clip"] = {{"min", internal::corner_to_json(grid_->clip.min)},
                     {"max", internal::corner_to_json(grid_->clip.max)}};
   internal::ContainerWriter file(header.dump(-1, ' ', false, Json::error_handler_t::replace));

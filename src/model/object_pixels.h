@@ -27,9 +27,7 @@ struct ObjectPixels {
   bool seen(size_t pixel) const { return !far.empty() && far[pixel] < 1e300; }
   // Ends a pixel's ray at the first surface on it.
   void cut(size_t pixel, Ray& ray) const {
-    if (!seen(pixel)) return;
-    ray.far = far[pixel];
-    ray.background = background[pixel];
+    if (seen(pixel)) ray.end_on(far[pixel], background[pixel]);
   }
 };
 

@@ -73,6 +73,17 @@ double depth_loss(std::span<const Real> middles, std::span<const Real> weights, 
   return static_cast<double>(scale) * loss;
 }
 
+double matter_loss(std::span<const Real> densities, std::span<const Real> deltas, Real scale,
+                   std::span<Real> d_densities) {
+  NERF_CHECK_EQ(densities.size(), deltas.size());
+  NERF_CHECK_EQ(densities.size(), d_densities.size());
+  Real tau = 0;
+  for (size_t i = 0; i < deltas.size(); ++i) tau += densities[i] * deltas[i];
+  const Real share = 1 / (1 + tau);
+  for (size_t i = 0; i < deltas.size(); ++i) d_densities[i] = scale * share * share * deltas[i];
+  return static_cast<double>(scale) * static_cast<double>(tau * share);
+}
+
 double interlevel_loss(std::span<const Real> edges, std::span<const Real> weights,
                        std::span<const Real> proposal_edges, std::span<const Real> proposal_weights,
                        Real scale, std::span<Real> d_proposal) {

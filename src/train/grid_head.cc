@@ -22,6 +22,7 @@ GridLosses GridTrainer::losses(const PixelLoss& pixel) const {
   const GridRecipe& r = options.grid_recipe;
   return {.pixel = pixel,
           .on_weights = has_losses_on_weights(),
+          .on_density = clearing > 0,
           .shared_colour = static_cast<Real>(r.shared_colour),
           .stop_transmittance = static_cast<Real>(r.stop_transmittance),
           .roulette = static_cast<Real>(r.gradient_roulette),
@@ -56,6 +57,8 @@ void GridTrainer::bind(int64_t c, const GridTape& tape, Chunk& chunk) {
     std::memcpy(chunk.data(tape.time), batch.time.data() + c * kChunkRays,
                 kChunkRays * sizeof(Real));
   }
+  if (tape.cover >= 0)
+    std::copy_n(batch.cover.data() + c * kChunkRays, chunk.rays, chunk.data(tape.cover));
   for (int r = 0; tape.photo >= 0 && r < chunk.rays; ++r)
     chunk.data(tape.photo)[r] =
         static_cast<Real>(batch.photo[static_cast<size_t>(c * kChunkRays + r)]);
@@ -153,6 +156,7 @@ TrainerImpl::HeadSums GridTrainer::head(StepReport& report) {
       if (robust && !open) leave_out(c, tape, random, chunk);
       if (has_losses_on_weights()) add_losses_on_weights(c, tape, chunk);
       if (offset_weight > 0) chunk.loss += offset_loss(c, tape, chunk);
+      if (clearing > 0) clear_matter(c, tape, chunk);
       tape.tape.backward(chunk);
       keep_samples(c, tape, chunk);
       if (moving && cameras)
@@ -241,6 +245,17 @@ void GridTrainer::add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& 
     if (depth_now > 0 && depth > 0)
       chunk.loss +=
           depth_loss(middles, weights, depth, static_cast<Real>(3 * depth_now) * scale, d_weights);
+  }
+}
+
+void GridTrainer::clear_matter(int64_t c, const GridTape& tape, Chunk& chunk) {
+  const double weight = 3 * clearing_now();
+  for (int r = 0; r < chunk.rays; ++r) {
+    const int32_t begin = chunk.ray_begin[r];
+    const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
+    chunk.loss += matter_loss(
+        {chunk.data(tape.density) + begin, n}, {chunk.data(tape.delta) + begin, n},
+        static_cast<Real>(weight) * scale_of(c, r), {chunk.data(tape.density_gradient) + begin, n});
   }
 }
 

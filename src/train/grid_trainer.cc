@@ -84,10 +84,13 @@ void TableState::give_weights(GridField& field) const {
 GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& o, ThreadPool& t)
     : TrainerImpl(s, p, o, t, {Rise::kLinear, Fall::kLinear}),
       distortion(distortion_weight(o, s)),
+      clearing(learns_sky(o, s) ? o.grid_recipe.light.sky_clearing : 0),
       offset_weight(nerf::offset_weight(o.grid_recipe.motion, s)),
       field(resolved(o.grid, s, p), s.unbounded, cascades_of(s),
-            learnt_light(o.grid_recipe.light, s, source), o.grid_recipe.motion.shape(),
-            o.grid_recipe.medium.medium),
+            {.codes = learnt_light(o.grid_recipe.light, s, source),
+             .motion = o.grid_recipe.motion.shape(),
+             .medium = o.grid_recipe.medium.medium,
+             .sky = learns_sky(o, s)}),
       optimiser(field),
       maker(source, field, distortion > 0 || depth_weight > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
@@ -103,6 +106,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
   };
   add("density", field.density_layers);
   add("colour", field.colour_layers);
+  add("sky", field.sky_layers);
   if (!field.motion.empty())
     sections.push_back({"the motion's networks", field.motion.begin, field.motion.end, 0,
                         o.grid_recipe.motion.rate});

@@ -102,6 +102,13 @@ struct GridTrainer final : TrainerImpl {
     return distortion > 0 || depth_weight > 0 || offset_weight > 0;
   }
   void add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& chunk);
+  // Draws matter away from the sky: adds a loss, and its gradient to the densities.
+  void clear_matter(int64_t c, const GridTape& tape, Chunk& chunk);
+  // Of the step to come. What photos show well stands by itself in the end, so that it falls.
+  double clearing_now() const {
+    constexpr double kLast = 0.1;  // as a share of the first
+    return clearing * std::lerp(1.0, kLast, progress_at(done));
+  }
   // How far the chunk's matter is moved, weighted by its light, which the loss does not change
   // (Tretschk et al. 2021, equation 5, with a distance in place of its power).
   double offset_loss(int64_t c, const GridTape& tape, const Chunk& chunk) const;
@@ -138,6 +145,7 @@ struct GridTrainer final : TrainerImpl {
   std::vector<Real> expected_colours() const;
 
   double distortion;     // weight of the loss
+  double clearing;       // weight of matter_loss() in the first step; 0 without a sky
   double offset_weight;  // likewise; 0 where the scene stands still
   GridField field;
   TableState optimiser;

@@ -57,6 +57,13 @@ void unused_by_grid(const TrainOptions& options, const Names& given, const Scene
     out.emplace_back("--keep-free is not used: the scene ends with its box");
   if (given.contains("stop_transmittance") && options.grid_recipe.shared_colour == 0)
     out.emplace_back("--stop-transmittance is not used: no samples share a colour");
+  const Switch sky = options.grid_recipe.light.sky;
+  if (sky == Switch::kOn && !learns_sky(options, scene))
+    out.push_back(fmt::format("--sky is not used: {}", scene.alpha
+                                                           ? "the photos have alpha"
+                                                           : "a medium is learnt (--medium)"));
+  if (given.contains("sky_clearing") && sky != Switch::kAuto && !learns_sky(options, scene))
+    out.emplace_back("--sky-clearing is not used: no sky is learnt (--sky)");
   if (given.contains("far") && !scene.unbounded)
     out.emplace_back("--far is not used: the scene ends with its box (--bbox)");
 }

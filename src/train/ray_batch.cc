@@ -26,6 +26,7 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   photo.resize(weight.size());
   time.resize(weight.size());
   corner.resize(weight.size());
+  cover.resize(weight.size());
   tile.resize(weight.size());
 }
 
@@ -106,11 +107,13 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
       record.corner = static_cast<Real>(corner_square(*pixel.camera, pixel.centre()));
     if (robust_ && given.empty() && !pixel.masked)
       record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
+    record.cover = field_.has_sky() && !pixel.masked && !pixel.ray.ends ? 1 : 0;
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
       // A background that is never the same twice leaves no way to paint it with matter.
       record.background[k] = given.empty() ? random.uniform() : pixel.ray.background[k];
       if (background_) record.background[k] = (*background_)[k];
+      if (record.cover > 0) record.background[k] = 0;
       record.direction[k] = static_cast<Real>(pixel.ray.direction[k]);
       record.target[k] = pixel.rgb[k] * pixel.alpha + record.background[k] * (1 - pixel.alpha);
       const Real e = record.background[k] - record.target[k];
@@ -180,6 +183,7 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     batch.time[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.time;
     batch.corner[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.corner;
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
+    batch.cover[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.cover;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];
@@ -226,7 +230,9 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
   for (int64_t b = 0; b < blocks && !full; ++b)
     for (RayRecord& r : blocks_[static_cast<size_t>(b)].rays) {
       if (!r.valid) continue;
-      if (r.count > 0 && (samples + r.count > kChunkSamples || count == kChunkRays)) {
+      // A sky learns from rays that meet no matter as well.
+      const bool kept = r.count > 0 || field_.has_sky();
+      if (kept && (samples + r.count > kChunkSamples || count == kChunkRays)) {
         if (batch.chunks == batch.max_chunks) {
           full = true;
           break;
@@ -239,7 +245,7 @@ void RayBatchMaker::fill(uint64_t seed, int64_t step, int64_t rays, Real samples
       const bool masked = given.empty() && r.photo < 0;
       batch.rays_masked += masked;
       if (batch.lists) batch.listed.push_back(listed_of(r));
-      if (r.count == 0) {
+      if (!kept) {
         if (!masked) batch.empty_squared_error += static_cast<double>(r.squared_error);
         continue;
       }

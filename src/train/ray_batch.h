@@ -130,6 +130,7 @@ struct RayBatch {
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
   std::vector<Real> corner;  // corner_square(), as `weight`; of rays without a pixel 0
   std::vector<Real> time;    // Ray::time, as `weight`
+  std::vector<Real> cover;   // 1 where a ray ends in a sky that is learnt, else 0; as `weight`
   std::vector<Real> depth;   // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
@@ -185,7 +186,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
-    Real depth = 0, time = 0, corner = 0;
+    Real depth = 0, time = 0, corner = 0, cover = 0;
     double share = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;

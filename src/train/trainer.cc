@@ -73,6 +73,12 @@ double point_depth_share(const TrainOptions& options, const Scene& scene) {
   return options.pixel_recipe.point_depth.value_or(0.0);
 }
 
+bool learns_sky(const TrainOptions& options, const Scene& scene) {
+  const GridRecipe& recipe = options.grid_recipe;
+  return recipe.light.sky == Switch::kOn && !scene.alpha &&
+         recipe.medium.medium == LearntMedium::kNone;
+}
+
 bool masks_cut_out(const PhotoSet& photos) { return photos.fraction_masked > 0.5; }
 
 double MaskedShare::at(double progress) const {

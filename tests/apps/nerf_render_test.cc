@@ -77,6 +77,16 @@ class NerfRender : public testing::Test {
     return files;
   }
 
+  // The first pixel of a picture that is rendered with these options.
+  std::vector<uint8_t> corner(std::vector<std::string> options) const {
+    options.insert(options.begin(), {run_, "-o", out_, "--no-depth"});
+    const ProgramResult result = render_program(options);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    std::vector<uint8_t> pixels = read_image_8bit(fs::path(out_) / "left/img0.png").pixels;
+    pixels.resize(3);
+    return pixels;
+  }
+
   TempFolder folder_;
   std::string run_, out_;
 };
@@ -98,16 +108,22 @@ TEST_F(NerfRender, TestViewsKeepTheirNames) {
 }
 
 TEST_F(NerfRender, BackgroundIsTheModelsUnlessChosen) {
-  const auto corner = [&](std::vector<std::string> more) {
-    // Next to nothing is drawn, and it is not in the corner.
-    more.insert(more.begin(), {run_, "-o", out_, "--no-depth", "--bbox", "0,0,0,0.1,0.1,0.1"});
-    const ProgramResult result = render_program(more);
-    EXPECT_EQ(result.exit_code, 0) << result.err;
-    std::vector<uint8_t> pixels = read_image_8bit(fs::path(out_) / "left/img0.png").pixels;
-    pixels.resize(3);
-    return pixels;
-  };
-  EXPECT_EQ(corner({}), (std::vector<uint8_t>{0, 255, 128}));
+  // Next to nothing is drawn, and it is not in the corner.
+  const std::string box = "0,0,0,0.1,0.1,0.1";
+  EXPECT_EQ(corner({"--bbox", box}), (std::vector<uint8_t>{0, 255, 128}));
+  EXPECT_EQ(corner({"--bbox", box, "--background", "1,0,0.2"}), (std::vector<uint8_t>{255, 0, 51}));
+}
+
+TEST_F(NerfRender, AChosenBackgroundTakesTheSkysPlace) {
+  const fs::path file = fs::path(run_) / "model.nerf";
+  const RadianceField model = RadianceField::load(file);
+  auto grid = std::make_shared<GridField>(model.grid().options, /*unbounded=*/false,
+                                          /*cascades=*/1, GridParts{.sky = true});
+  grid->initialise(1);
+  grid->occupancy.set_levels(std::vector<uint8_t>(grid->occupancy.levels().size()));  // empty
+  RadianceField(model.info(), std::move(grid)).save(file);
+  // The sky of an untrained network is about grey.
+  for (const uint8_t k : corner({})) EXPECT_NEAR(k, 128, 70);
   EXPECT_EQ(corner({"--background", "1,0,0.2"}), (std::vector<uint8_t>{255, 0, 51}));
 }
 

@@ -68,5 +68,26 @@ TEST(Gradient, OverMedium) {
     }
 }
 
+TEST(Gradient, OverSky) {
+  for (int needs = 1; needs < 4; ++needs)
+    check_operation(
+        {"over_sky",
+         {{4, kRays, (needs & 1) != 0, 0, 1},
+          {3, kRays, (needs & 2) != 0, 0, 1},
+          {1, kRays, false, 0, 1}},
+         {},
+         [&](Tape& t, const Values& v) { return Values{over_sky(t, v[0], v[1], v[2])}; },
+         40},
+        [&]<class T>(const Given<T>& v) -> Outputs<T> {
+          Columns<T> out = v[0];
+          for (size_t i = 0; i < out.size(); ++i) {
+            const T left = (T(1) - v[0][i][3]) * v[2][i][0];
+            for (size_t k = 0; k < 3; ++k) out[i][k] = v[0][i][k] + left * v[1][i][k];
+            out[i][3] = v[0][i][3] + left;
+          }
+          return {out};
+        });
+}
+
 }  // namespace
 }  // namespace nerf

@@ -29,7 +29,8 @@ RadianceField surface_field(const Similarity& to_engine, const Distance& distanc
   options.hidden = 16;
   options.table_bits = 32;
   options.occupancy_side = 128;
-  auto grid = std::make_shared<GridField>(options, /*unbounded=*/false, 1, CodeShape{}, motion);
+  auto grid =
+      std::make_shared<GridField>(options, /*unbounded=*/false, 1, GridParts{.motion = motion});
   const HashGridLevel& level = grid->shape.levels[0];
   const uint32_t n = level.resolution;
   for (uint32_t z = 0; z < n; ++z)

@@ -26,13 +26,13 @@ void fill_codes(FieldType& field) {
 }
 
 // Matter everywhere in the box, in a light that differs between kPhotos.
-inline RadianceField grid_with_codes() {
+inline RadianceField grid_with_codes(bool sky = false) {
   GridOptions options = small_options(1, 1);
   options.log2_entries = 10;  // the least of a file
   CodeShape codes{6, true, kPhotos};
   codes.lenses = {"wide", "tele"};
   codes.photo_lenses = {0, 1, 0};
-  auto grid = std::make_shared<GridField>(options, false, 1, codes);
+  auto grid = std::make_shared<GridField>(options, false, 1, GridParts{.codes = codes, .sky = sky});
   grid->initialise(3);
   scale_table(*grid, 1e4_r);
   fill_codes(*grid);

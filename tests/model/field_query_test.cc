@@ -28,7 +28,7 @@ std::unique_ptr<Field> some_grid(bool unbounded, int table_bits, const MotionSha
   options.levels = 2;
   options.finest_resolution = 16;
   options.table_bits = table_bits;
-  auto field = std::make_unique<GridField>(options, unbounded, 1, CodeShape{}, motion);
+  auto field = std::make_unique<GridField>(options, unbounded, 1, GridParts{.motion = motion});
   field->initialise(3);
   Random random(7, 0, 0);
   for (Real& v : field->table) v = 2 * random.uniform() - 1;
@@ -210,7 +210,7 @@ TEST(FieldQuery, ATranslationLeadsToThePlaceOfAStillField) {
   GridOptions options = small_options(1, 1);
   MotionShape motion = some_motion(WarpKind::kTranslation);
   motion.ambient = 0;
-  GridField moving(options, false, 1, CodeShape{}, motion), still(options, false, 1);
+  GridField moving(options, false, 1, GridParts{.motion = motion}), still(options, false, 1);
   moving.initialise(3);
   still.initialise(3);
   Random random(7, 0, 0);

@@ -33,7 +33,7 @@ GridField moving_field(int occupancy_side, int degrees, int depth) {
   motion.time_code = 4;
   motion.time_degrees = 2;
   motion.time_width = 16;
-  GridField field(options, /*unbounded=*/false, 1, CodeShape{}, motion);
+  GridField field(options, /*unbounded=*/false, 1, GridParts{.motion = motion});
   field.initialise(3);
   return field;
 }

@@ -24,16 +24,17 @@ namespace {
 
 // A new option does not compile until it is named here, and given another value below.
 auto fields(RenderOptions& o) {
-  auto& [background, unclipped, bbox, time, appearance, min_transmittance, stop_transmittance,
+  auto& [background, sky, unclipped, bbox, time, appearance, min_transmittance, stop_transmittance,
          unshaded, shared_colour, interpolated, precision, supersample, sample_factor, max_samples,
          uniform_share, layers, medium] = o;
-  return std::tie(background, unclipped, bbox, time, appearance, min_transmittance,
+  return std::tie(background, sky, unclipped, bbox, time, appearance, min_transmittance,
                   stop_transmittance, unshaded, shared_colour, interpolated, precision, supersample,
                   sample_factor, max_samples, uniform_share, layers, medium);
 }
 using Fields = decltype(fields(std::declval<RenderOptions&>()));
 
 const std::tuple kOthers{Vec3{0.1_r, 0.9_r, 0.3_r},
+                         false,
                          true,
                          std::optional(Box3{{-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5}}),
                          0.5_r,
@@ -59,6 +60,7 @@ struct About {
   bool of_grid = true;  // a static field is the same at any time
 };
 constexpr std::array<About, kCount> kAbout{{{"background", true},
+                                            {"sky", false, false},  // none is learnt
                                             {"unclipped", true},
                                             {"bbox", true},
                                             {"time", false, false},

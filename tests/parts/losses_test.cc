@@ -109,5 +109,34 @@ TEST(HistogramLosses, AnEqualProposalCostsNothing) {
   for (const Real g : d) EXPECT_LE(g, 0);  // more mass lowers it
 }
 
+TEST(MatterLoss, MatchesTheDefinitionAndItsGradient) {
+  WorstError loss("matter"), gradient("matter_gradient");
+  for (const int n : {0, 1, 17, 64})
+    for (const Real thickness : {0.001_r, 1.0_r, 1000.0_r}) {
+      Random random(7, static_cast<uint64_t>(n), 0);
+      std::vector<Real> densities, deltas;
+      for (int i = 0; i < n; ++i) {
+        densities.push_back(thickness * random.uniform());
+        deltas.push_back(random.uniform() / 8);
+      }
+      const auto exact = [&](const std::vector<Complex>& x) {
+        Complex tau = 0;
+        for (size_t i = 0; i < x.size(); ++i) tau += x[i] * static_cast<double>(deltas[i]);
+        return tau / (1.0 + tau);
+      };
+      std::vector<Real> d(densities.size(), 1.0_r);  // overwritten
+      const std::vector<Complex> x(densities.begin(), densities.end());
+      // A sum of n products and a few operations more.
+      const double rounding = (n + 6) * kRoundoff;
+      const double want = 0.25 * exact(x).real();
+      loss.compare(matter_loss(densities, deltas, 0.25_r, d), want, rounding * want, "n", n);
+      const auto slopes = complex_step_gradient(exact, doubles(densities));
+      for (size_t i = 0; i < d.size(); ++i)
+        gradient.compare(d[i], 0.25 * slopes[i], 2 * rounding * 0.25 * slopes[i], "n", n, "i", i);
+    }
+  loss.report();
+  gradient.report();
+}
+
 }  // namespace
 }  // namespace nerf

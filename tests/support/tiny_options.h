@@ -85,6 +85,14 @@ inline SyntheticCapture capture_of(const std::string& method, int views = 6, int
   return c;
 }
 
+// The model of all its steps.
+inline RadianceField trained(const SyntheticCapture& c, const TrainOptions& options,
+                             ThreadPool& pool) {
+  Trainer trainer(c.scene, c.photos, options, pool);
+  trainer.run({});
+  return trainer.snapshot();
+}
+
 // The trainer's state as bytes, its options among them.
 inline std::vector<uint8_t> bits_of(const Trainer& trainer) {
   const TempFolder folder;

@@ -42,6 +42,10 @@ inline void in_fog(OptionSetting& s) {
   opaque_photos(s);
   s.options.grid_recipe.medium.medium = LearntMedium::kFog;
 }
+inline void before_sky(OptionSetting& s) {
+  opaque_photos(s);
+  s.options.grid_recipe.light.sky = Switch::kOn;
+}
 // So thin that the last interval is not opaque by itself; a softplus is nowhere 0, so that one
 // without end would be.
 inline void thin_and_opaque_photos(OptionSetting& s) {
@@ -253,6 +257,8 @@ inline const std::vector<OptionLine>& option_lines() {
       {"vignetting", {"on"}},
       {"vignetting_rate", {"0.5"}, learnt_light},
       {"vignetting_decay", {"50"}, learnt_light},
+      {"sky", {"on"}, opaque_photos},
+      {"sky_clearing", {"1"}, before_sky},
       {"deform", {"translation"}, photos_of_two_moments},
       {"ambient", {"2"}, moving},
       {"motion_rate", {"0.9"}, moving},

@@ -64,18 +64,11 @@ TrainOptions learning(int64_t steps, Switch vignetting = Switch::kOn) {
   return o;
 }
 
-RadianceField trained(const test::SyntheticCapture& c, const TrainOptions& options,
-                      ThreadPool& pool) {
-  Trainer trainer(c.scene, c.photos, options, pool);
-  trainer.run({});
-  return trainer.snapshot();
-}
-
 TEST(Vignetting, IsLearntAndLeftOutOfPictures) {
   const auto c = through_a_lens(false);
   ThreadPool pool(2);
-  const RadianceField with = trained(c, learning(400), pool);
-  const RadianceField without = trained(c, learning(400, Switch::kOff), pool);
+  const RadianceField with = test::trained(c, learning(400), pool);
+  const RadianceField without = test::trained(c, learning(400, Switch::kOff), pool);
   const LightReport report = light_report(with, c.scene, c.photos);
   ASSERT_EQ(report.lenses.size(), 1u);
   EXPECT_EQ(report.lenses[0].photos, 24);
@@ -174,7 +167,7 @@ TEST(Vignetting, IsNowhereUnlessItIsSwitchedOn) {
   auto c = through_a_lens(true, 8);
   ThreadPool pool(2);
   const auto weights = [&](const TrainOptions& options) {
-    const RadianceField model = trained(c, options, pool);
+    const RadianceField model = test::trained(c, options, pool);
     const auto all = model.field().all_weights();
     return std::vector<Real>(all.begin(), all.end());
   };

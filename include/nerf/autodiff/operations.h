@@ -132,6 +132,12 @@ Value see_through(Tape& tape, Value colour, Value distance, const LinearWeights&
 // pixel [4 x rays] before black -> the same before the medium, which is without an end.
 Value over_medium(Tape& tape, Value pixel, const LinearWeights& numbers);
 
+// pixel [4 x rays] before black, sky [3 x rays], cover [1 x rays] -> [4 x rays]: the pixel before a
+// sky that hides so much of what is behind it (Porter and Duff 1984, `over`). The cover has no
+// gradient.
+//   rgb + (1 - opacity) cover sky,   opacity + (1 - opacity) cover
+Value over_sky(Tape& tape, Value pixel, Value sky, Value cover);
+
 // Adds `gradient` [rows of x], which the caller fills between forward and backward, to the gradient
 // of x: for losses that are computed beside the tape (parts/losses.h).
 void add_gradient(Tape& tape, Value x, Value gradient);

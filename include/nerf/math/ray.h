@@ -19,7 +19,15 @@ struct Ray {
   Real time = 0;                // [0, 1], from the capture's first moment to its last
   int photo = -1;               // whose codes the field may take; below 0: none
   Vec3 background{};            // sRGB, seen behind everything
+  bool ends = false;            // at `far`, before the sky of a field that has learnt one
   double medium_from = 0;       // a medium is passed from here to `far`, wherever `near` is
+
+  // Lets it end on something opaque of this colour.
+  void end_on(double distance, const Vec3& colour) {
+    far = distance;
+    background = colour;
+    ends = true;
+  }
 };
 
 // The ray through an image point (pixels). camera_to_engine: as ray_pose() takes it. No value where

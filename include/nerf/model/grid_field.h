@@ -2,6 +2,7 @@
 //
 //   position -> [contract] -> hash grid (F L features) -> MLP -> h (16)
 //   density = exp(h_0);   colour = sigmoid(MLP(h, spherical harmonics of the view direction, code))
+//   sky = sigmoid(MLP(spherical harmonics of the direction, code)), behind all matter
 // Where the scene moves, positions are first led to the canonical scene (grid_motion.h).
 // (Mueller et al. 2022, section 5.4.) The code is the photo's, where light differs between photos
 // (Martin-Brualla et al. 2021, section 4.1).
@@ -97,10 +98,17 @@ int occupancy_side(const GridOptions& options, bool unbounded);
 // Of the table that the options ask for.
 HashGridShape hash_grid_shape(const GridOptions& options);
 
+// What only some captures need.
+struct GridParts {
+  CodeShape codes{};
+  MotionShape motion{};
+  LearntMedium medium = LearntMedium::kNone;
+  bool sky = false;
+};
+
 // Everything that rendering needs. Plain data: the trainer writes it between steps.
 struct GridField final : Field {
-  GridField(const GridOptions& options, bool unbounded, int cascades, const CodeShape& codes = {},
-            const MotionShape& motion = {}, LearntMedium medium = LearntMedium::kNone);
+  GridField(const GridOptions& options, bool unbounded, int cascades, const GridParts& parts = {});
   // Estimates: of a field, and of the weights of its networks.
   static uint64_t memory_bytes(const GridOptions& options, bool unbounded, int cascades);
   static uint64_t network_weights(const GridOptions& options);
@@ -115,8 +123,9 @@ struct GridField final : Field {
   std::vector<LinearWeights> density_layers, colour_layers;
   MotionNetworks motion;         // empty: the scene stands still
   LinearWeights medium_numbers;  // see_through(); none: photos were not taken through a medium
+  std::vector<LinearWeights> sky_layers;  // none: behind matter is Ray::background
   CodeBooks books;
-  // Of both networks, those of motion, the medium, then the books.
+  // Of both networks, those of motion, the medium, the sky, then the books.
   AlignedArray<Real> weights;
   size_t network_size() const { return weights.size() - books.size(); }
   std::vector<LinearWeights> layers() const override;
@@ -129,6 +138,7 @@ struct GridField final : Field {
   std::vector<Real> default_code(Real, int = -1) const override {
     return mean_appearance(books, weights.span()).code;
   }
+  bool has_sky() const { return !sky_layers.empty(); }
   LearntMedium learnt_medium() const;
   // In engine units; without one a field has nothing of it.
   Medium medium() const;
@@ -167,12 +177,17 @@ static_assert(Tape::ray_stride(kChunkRays) == kChunkRays);
 struct GridLosses {
   PixelLoss pixel = PixelLoss::huber(0.5_r);
   bool on_weights = false;  // the caller adds gradients to the weights along the rays
+  bool on_density = false;  // likewise to the samples' densities
   // Light that samples of one colour have together at most; 0: each has its own. See group_light().
   Real shared_colour = 0;
   Real stop_transmittance = 0;        // what gets less light learns nothing (shared colours only)
   std::optional<Real> roulette = {};  // see roulette(); without: every sample goes back
   bool on_position = false;           // whether the caller asks for the gradient of `position`
 };
+
+// The sky that rays of these directions [3 x rays] end in: [3 x rays]. code: [numbers x rays], or
+// below 0 where photos have none.
+Value record_sky(Tape& tape, const GridField& field, Value directions, Value code);
 
 // The field on a tape, with the values that a caller fills and reads.
 struct GridTape {
@@ -189,9 +204,10 @@ struct GridTape {
   Value distance = -1;   // in, training with a medium: [1 x samples], engine units
   Value position = -1;   // in, with motion: [3 x samples], grid coordinates, not canonical
   Value time = -1;       // in, with motion: [1 x rays]
-  Value background = 0;  // in: [3 x rays]; black where a medium is learnt
+  Value background = 0;  // in: [3 x rays]; black where a medium is learnt or a ray ends in the sky
   Value photo = -1;      // in, training with codes: [1 x rays], Ray::photo
   Value code = -1;       // in, else, with an appearance code: [numbers x rays]
+  Value cover = -1;      // in, training with a sky: [1 x rays], 1 where a ray ends in it, else 0
   // In, training where the books know lenses: [1 x rays], its row of them, and corner_square().
   Value lens = -1, corner = -1;
   PixelLossInputs pixel_loss;  // in, training only
@@ -202,7 +218,7 @@ struct GridTape {
   Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
   Value gradient_roulette = -1;  // GridLosses::roulette only: has RouletteState
 
-  Value density_gradient = -1;  // in, kGradient: [1 x samples]
+  Value density_gradient = -1;  // in, kGradient and GridLosses::on_density only: [1 x samples]
 
   GridTape(const GridField& field, Purpose purpose, const GridLosses& losses = {});
   GridTape(const GridField& field, bool training, const GridLosses& losses = {})

@@ -27,6 +27,9 @@ inline constexpr int kMostSupersampling = 8;
 struct RenderOptions {
   // sRGB; seen where alpha < 1. A paper's method that learnt photos without alpha has black.
   Vec3 background{1, 1, 1};
+  // A field that has learnt a sky shows it in place of the background, with opacity 1, unless
+  // `bbox` cuts the scene out.
+  bool sky = true;
   bool unclipped = false;    // true samples every occupied cell, whatever is cached of it,
                              // without min_transmittance and what counts samples
   std::optional<Box3> bbox;  // input coordinates; nothing outside it is drawn

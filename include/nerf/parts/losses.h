@@ -1,4 +1,5 @@
-// Losses on the light weights along one ray, with their gradients. A histogram has n bins between n
+// Losses on the light weights along one ray, or on its densities, with their gradients. A histogram
+// has n bins between n
 // + 1 sorted edges in normalised distance s in [0, 1], and a weight for each bin.
 #pragma once
 
@@ -39,6 +40,13 @@ double depth_loss(std::span<const Real> middles, std::span<const Real> weights, 
 double interlevel_loss(std::span<const Real> edges, std::span<const Real> weights,
                        std::span<const Real> proposal_edges, std::span<const Real> proposal_weights,
                        Real scale, std::span<Real> d_proposal);
+
+// How much matter is on a ray: tau / (1 + tau), tau = sum_i density_i delta_i being its optical
+// depth. Like its opacity, 1 - exp(-tau), this is tau where matter is thin, and next to flat where
+// it is solid; but where a fog fills the ray, and opacity is flat as well, it still has a slope.
+// Writes scale times the gradient to d_densities and returns scale times the loss. O(n).
+double matter_loss(std::span<const Real> densities, std::span<const Real> deltas, Real scale,
+                   std::span<Real> d_densities);
 
 // Added to a weight that is divided by (multinerf's lossfun_outer: the float's epsilon).
 inline constexpr Real kInterlevelEpsilon = 0x1p-23_r;

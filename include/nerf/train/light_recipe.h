@@ -63,7 +63,8 @@ struct LightRecipe {
   double code_rate = 0.05, code_decay = 0.01;
   double colour_rate = 0.02, colour_decay = 0.01;
   AutoFactor exif_exposure;
-  Switch vignetting = Switch::kAuto;
+  Switch vignetting = Switch::kAuto, sky = Switch::kAuto;
+  double sky_clearing = 0.03;
   double vignetting_rate = 0.1, vignetting_decay = 0.01;
 
   template <class V>
@@ -100,6 +101,12 @@ struct LightRecipe {
     v("vignetting_decay", vignetting_decay,
       "how fast the lenses' falloff falls to none, as a share of its step size", at_least(0),
       at_most(100));
+    v("sky", sky,
+      "what is behind all matter is learnt by direction and by the photo's appearance numbers");
+    v("sky_clearing", sky_clearing,
+      "weight of a loss that thins what stands before the sky, so that matter does not take its "
+      "place; it falls to a tenth",
+      at_least(0), at_most(10));
   }
 };
 

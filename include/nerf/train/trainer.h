@@ -124,6 +124,10 @@ double depth_loss_weight(const TrainOptions& options, const Scene& scene, const 
 // 0 where the capture has no points.
 double point_depth_share(const TrainOptions& options, const Scene& scene);
 
+// Whether the grid method learns a sky: photos without alpha show something behind all matter, and
+// no medium without an end stands before it.
+bool learns_sky(const TrainOptions& options, const Scene& scene);
+
 // Whether the photos' masks leave so much out that what they keep is an object cut out, and not a
 // scene in whose way something stands.
 bool masks_cut_out(const PhotoSet& photos);

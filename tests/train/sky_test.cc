@@ -1,0 +1,232 @@
+// A sphere before a sky whose colours are known.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "nerf/model/renderer.h"
+#include "nerf/train/evaluation.h"
+#include "nerf/train/light_probe.h"
+#include "nerf/train/methods.h"
+#include "nerf/train/trainer.h"
+#include "support/tiny_options.h"
+
+namespace nerf {
+namespace {
+
+using test::bits_of;
+
+Vec3d sky_towards(const Vec3d& d) { return {0.5 + 0.3 * d.z, 0.5 + 0.2 * d.x, 0.6 - 0.3 * d.y}; }
+
+test::SyntheticCapture capture_before_sky(int views = 24) {
+  test::SyntheticCapture c = test::sphere_capture(views);
+  c.scene.alpha = false;
+  c.scene.unbounded = true;
+  c.scene.near = 2;
+  // Points of the sphere, seen where they face a camera.
+  constexpr int kPoints = 200;
+  for (int i = 0; i < kPoints; ++i) {
+    const Vec3d out = test::spiral_pose(i, kPoints).translation / test::kCameraDistance;
+    c.scene.points.push_back({out * test::kSphereRadius, 0.5, 3});
+    for (const int v : c.scene.train) {
+      const Vec3d& from = c.scene.views[static_cast<size_t>(v)].pose.translation;
+      if (dot(out, from - out * test::kSphereRadius) > 0.5) c.scene.observations.push_back({v, i});
+    }
+  }
+  for (size_t v = 0; v < c.scene.views.size(); ++v)
+    c.photos.photos[v] = test::photo_of(c.scene.cameras[0], c.scene.views[v].pose, 3,
+                                        [&](const Vec3d& origin, const Vec3d& d, double rgb[3]) {
+                                          if (!test::sphere_colour(origin, d, rgb))
+                                            for (int k = 0; k < 3; ++k) rgb[k] = sky_towards(d)[k];
+                                          return true;
+                                        });
+  return c;
+}
+
+TrainOptions options_with(Switch sky, int64_t steps) {
+  TrainOptions o = test::tiny_options(steps);
+  o.grid_recipe.light.sky = sky;
+  // The sphere stands out from this sky less than things do from a real one.
+  o.grid_recipe.light.sky_clearing = 0.01;
+  return o;
+}
+
+// Of held-out pictures without the sky: mean opacity beside the sphere and on it.
+struct Opacity {
+  double beside = 0, sphere = 0;
+};
+Opacity opacity_of(const RadianceField& field, const test::SyntheticCapture& c, ThreadPool& pool) {
+  RenderOptions options;
+  options.sky = false;
+  Opacity mean;
+  double beside = 0, sphere = 0;
+  for (const int v : c.scene.test) {
+    const View& view = c.scene.views[static_cast<size_t>(v)];
+    const Photo shape = test::sphere_photo(c.scene.cameras[0], view.pose);
+    const Frame frame = render(field, c.scene.cameras[0], view.pose, options, pool);
+    for (size_t p = 0; p < frame.alpha.size(); ++p) {
+      const uint8_t covered = shape.pixels8[4 * p + 3];
+      if (covered == 0) mean.beside += frame.alpha[p], ++beside;
+      if (covered == 255) mean.sphere += frame.alpha[p], ++sphere;
+    }
+  }
+  return {mean.beside / beside, mean.sphere / sphere};
+}
+
+TEST(Sky, IsLearntAndLeavesNoMatterBeforeIt) {
+  const auto c = capture_before_sky();
+  ThreadPool pool(2);
+  const RadianceField with = test::trained(c, options_with(Switch::kOn, 400), pool);
+  const Opacity opacity = opacity_of(with, c, pool);
+  EXPECT_LT(opacity.beside, 0.05);
+  EXPECT_GT(opacity.sphere, 0.95);
+  EXPECT_GT(evaluate(with, c.scene, c.photos, {}, pool).psnr, 26) << "of held-out photos";
+  const RadianceField without = test::trained(c, options_with(Switch::kOff, 400), pool);
+  EXPECT_GT(opacity_of(without, c, pool).beside, 0.5);
+}
+
+TEST(Sky, IsSeenInPlaceOfTheBackground) {
+  const auto c = capture_before_sky();
+  ThreadPool pool(2);
+  const RadianceField field = test::trained(c, options_with(Switch::kOn, 400), pool);
+  const Camera& camera = c.scene.cameras[0];
+  const Pose& pose = c.scene.views[0].pose;
+  RenderOptions shown, red, without;
+  red.background = {1, 0, 0};
+  without.background = {1, 0, 0};
+  without.sky = false;
+  const Frame a = render(field, camera, pose, shown, pool);
+  const Frame b = render(field, camera, pose, without, pool);
+  EXPECT_EQ(a.rgb, render(field, camera, pose, red, pool).rgb);
+  for (size_t p = 0; p < a.alpha.size(); ++p) ASSERT_EQ(a.alpha[p], 1);
+  // A corner shows the sky alone, to within what 400 steps leave.
+  const Vec3d d = normalized(pose.rotation * *unproject(camera, {0.5, 0.5}));
+  for (int k = 0; k < 3; ++k)
+    EXPECT_NEAR(a.rgb[static_cast<size_t>(k)], sky_towards(d)[k], 0.1) << k;
+  EXPECT_GT(b.rgb[0], 0.9);
+  EXPECT_LT(b.rgb[1], 0.1);
+  // What a box cuts out has none.
+  RenderOptions boxed = without;
+  boxed.sky = true;
+  boxed.bbox = Box3{{-1, -1, -1}, {1, 1, 1}};
+  EXPECT_LT(render(field, camera, pose, boxed, pool).alpha[0], 0.1);
+}
+
+TEST(Sky, IsInModelFiles) {
+  const auto c = capture_before_sky(8);
+  ThreadPool pool(2);
+  const RadianceField field = test::trained(c, options_with(Switch::kOn, 20), pool);
+  const test::TempFolder folder;
+  field.save(folder / "model");
+  const RadianceField loaded = RadianceField::load(folder / "model");
+  ASSERT_TRUE(loaded.grid().has_sky());
+  const auto picture = [&](const RadianceField& f) {
+    return render(f, c.scene.cameras[0], c.scene.views[0].pose, {}, pool).rgb;
+  };
+  EXPECT_EQ(picture(loaded), picture(field));
+}
+
+TEST(Sky, ThreadsAndInterruptionsChangeNothing) {
+  const auto c = capture_before_sky(8);
+  TrainOptions options = options_with(Switch::kOn, 24);
+  options.grid_recipe.light.appearance = {false, 4};
+  ThreadPool one(1), two(2);
+  Trainer a(c.scene, c.photos, options, one), b(c.scene, c.photos, options, two);
+  a.run({});
+  for (int i = 0; i < 12; ++i) b.step();
+  const test::TempFolder folder;
+  b.save_checkpoint(folder / "half");
+  Trainer resumed(c.scene, c.photos, options, two);
+  resumed.load_checkpoint(folder / "half");
+  for (int i = 0; i < 12; ++i) resumed.step();
+  EXPECT_EQ(bits_of(a), bits_of(resumed));
+}
+
+// Two photos from each place, the second half as bright: a direction cannot tell them apart.
+TEST(Sky, DependsOnThePhotosAppearance) {
+  auto c = capture_before_sky();
+  c.scene.train.clear();
+  for (size_t v = 0; v + 1 < c.scene.views.size(); v += 2) {
+    c.scene.views[v + 1].pose = c.scene.views[v].pose;
+    c.photos.photos[v + 1] = c.photos.photos[v];
+    for (uint8_t& x : c.photos.photos[v + 1].pixels8) x /= 2;
+    for (size_t i = 3; i < c.photos.photos[v + 1].pixels8.size(); i += 4)
+      c.photos.photos[v + 1].pixels8[i] = 255;
+    for (const size_t i : {v, v + 1}) c.scene.train.push_back(static_cast<int>(i));
+  }
+  c.scene.test.clear();
+  c.scene.observations.clear();
+  TrainOptions options = options_with(Switch::kOn, 300);
+  options.grid_recipe.light.appearance = {false, 4};
+  ThreadPool pool(2);
+  const RadianceField field = test::trained(c, options, pool);
+  const GridField& grid = field.grid();
+  const auto corner = [&](int photo) {
+    RenderOptions o;
+    o.appearance.code = appearance_of(grid.books, grid.all_weights(), photo).code;
+    return render(field, c.scene.cameras[0], c.scene.views[0].pose, o, pool).rgb[1];
+  };
+  EXPECT_NEAR(corner(1), 0.5_r * corner(0), 0.05_r);
+}
+
+TEST(Sky, IsLearntWhereDaysDifferAndPhotosShowIt) {
+  const auto chosen = [](double stops, double above_points) {
+    LightProbe probe;
+    probe.exposure_spread = stops;
+    probe.above_points = above_points;
+    TrainOptions options;
+    resolve_light(probe, options);
+    return options.grid_recipe.light.sky;
+  };
+  EXPECT_EQ(chosen(1, 0.5), Switch::kOn);
+  EXPECT_EQ(chosen(1, 0.1), Switch::kOff);
+  EXPECT_EQ(chosen(0.1, 0.5), Switch::kOff);
+}
+
+// Cameras side by side see three points, one above the other, in one column of 16.
+TEST(Sky, IsAboveAllPoints) {
+  test::SyntheticCapture c;
+  const int size = 320;
+  c.scene.unbounded = true;
+  c.scene.cameras = {test::sphere_camera(size)};
+  for (int i = 0; i < 3; ++i) {
+    View view;
+    view.name = std::to_string(i);
+    view.pose.translation = {0.1 * (i - 1), 0, 0};
+    c.scene.views.push_back(view);
+    c.scene.train.push_back(i);
+    Photo photo;
+    photo.width = photo.height = size;
+    photo.pixels8.assign(3 * size * size, 120);
+    c.photos.photos.push_back(photo);
+    c.photos.cameras.push_back(c.scene.cameras[0]);
+  }
+  EXPECT_EQ(share_above_points(c.scene, c.photos), 0) << "nothing is known";
+  const double f = c.scene.cameras[0].params[0];
+  for (const double y : {160.5, 80.5, 240.5}) {
+    c.scene.points.push_back({{0, (y - 160) / f, 1}, 0.5, 3});
+    for (int i = 0; i < 3; ++i)
+      c.scene.observations.push_back({i, static_cast<int32_t>(c.scene.points.size()) - 1});
+  }
+  EXPECT_NEAR(share_above_points(c.scene, c.photos), (15 + 80.5 / size) / 16, 1e-12);
+}
+
+TEST(Sky, IsNotLearntBehindTransparentPhotosOrInAMedium) {
+  Scene scene;
+  TrainOptions options = options_with(Switch::kOn, 1);
+  EXPECT_TRUE(learns_sky(options, scene));
+  EXPECT_TRUE(unused_options(options, {"sky", "sky_clearing"}, scene).empty());
+  options.grid_recipe.light.sky = Switch::kAuto;
+  EXPECT_TRUE(unused_options(options, {"sky_clearing"}, scene).empty()) << "not known yet";
+  options.grid_recipe.light.sky = Switch::kOn;
+  scene.alpha = true;
+  EXPECT_FALSE(learns_sky(options, scene));
+  EXPECT_EQ(unused_options(options, {"sky", "sky_clearing"}, scene).size(), 2u);
+  scene.alpha = false;
+  options.grid_recipe.medium.medium = LearntMedium::kFog;
+  EXPECT_FALSE(learns_sky(options, scene));
+}
+
+}  // namespace
+}  // namespace nerf
