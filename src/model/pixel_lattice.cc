@@ -90,8 +90,9 @@ bool PixelLattice::interpolate(const Pass& pass, int x, int y, size_t p, const s
     depths += depth;
     surprise += 0.25_r * surprise_[from[i]];
   }
+  const bool in_sky = options_.sky && farthest == 0;
   // Where a neighbour sees nothing, a ray costs little and may meet what is thin.
-  if (!(nearest > 0 && farthest <= options_.depth_ratio * nearest)) return false;
+  if (!in_sky && !(nearest > 0 && farthest <= options_.depth_ratio * nearest)) return false;
   const auto value = [&](size_t at, size_t k) {
     return k < 3 ? frame.rgb[3 * at + k] : frame.alpha[at];
   };
@@ -116,7 +117,7 @@ bool PixelLattice::interpolate(const Pass& pass, int x, int y, size_t p, const s
   bool curved = find_neighbours(pass, kOuterReach, x, y, outer);
   for (size_t i = 0; curved && i < 4; ++i) {
     const Real depth = frame.depth_z[outer[i]];
-    curved = depth > 0 && !sees_object(outer[i]) &&
+    curved = (depth > 0) != in_sky && !sees_object(outer[i]) &&
              std::max(depth, farthest) <= options_.depth_ratio * std::min(depth, nearest);
   }
   // A cubic's value in the middle, along either pair; within what the nearest enclose.

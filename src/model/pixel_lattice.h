@@ -25,6 +25,7 @@ struct LatticeOptions {
   Real tolerance = 4.0_r / 255;
   Real depth_ratio = 1.1_r;  // of the farthest to the nearest of the neighbours
   bool sure = true;          // the second pass casts all its rays too
+  bool sky = false;          // what is without depth is a sky, as smooth as matter at one depth
 };
 
 class PixelLattice {

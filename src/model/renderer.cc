@@ -10,6 +10,7 @@
 #include "model/network_renderer.h"
 #include "model/object_pixels.h"
 #include "model/pixel_lattice.h"
+#include "model/sky.h"
 #include "model/supersampling.h"
 #include "model/tile_renderer.h"
 #include "nerf/base/error.h"
@@ -69,6 +70,7 @@ class GridPicture {
     internal::LatticeOptions options;
     options.spacing = rays_per_side >= 4 ? 8 : 4;
     options.tolerance = options_.interpolated * static_cast<Real>(rays_per_side);
+    options.sky = internal::shows_sky(field_, options_);
     if (rays_per_side > 1) {
       options.depth_ratio = 1.3_r;
       options.sure = false;

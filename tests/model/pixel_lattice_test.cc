@@ -87,6 +87,22 @@ TEST(PixelLattice, OneColourNeedsItsCoarsestPixelsAlone) {
   }
 }
 
+// Where nothing is seen every pixel has its ray, but for a sky; what stands before it is met.
+TEST(PixelLattice, ASkyIsAsOneDepth) {
+  LatticeOptions sky;
+  sky.sky = true;
+  const Picture empty = [](int, int) { return Seen{0.5_r, 0}; };
+  const Picture wall = [](int, int) { return Seen{0.5_r, 2}; };
+  EXPECT_EQ(draw(empty, 37, 50).rays, 37 * 50);
+  EXPECT_EQ(draw(empty, 37, 50, sky).rays, draw(wall, 37, 50).rays);
+  const Picture pole = [](int x, int) {
+    return x == 17 || x == 18 ? Seen{0.1_r, 2} : Seen{0.5_r, 0};
+  };
+  const Drawn drawn = draw(pole, 37, 50, sky);
+  EXPECT_EQ(most_error(drawn, pole), 0);
+  EXPECT_LT(drawn.rays, 37 * 50 / 2);
+}
+
 // What the neighbours of a pixel enclose is that pixel's, where the picture is linear, away from
 // its border.
 TEST(PixelLattice, SlowSlopesAreFoundFromFewRays) {
