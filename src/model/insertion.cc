@@ -77,7 +77,7 @@ struct Insertion::Impl {
   Vec3d centre;
   double radius = 0;
   Environment around;
-  Vec3 sky;                    // sRGB, behind the field where it is mirrored
+  Vec3 backdrop;               // sRGB, behind the field where it is mirrored
   std::vector<Real> openness;  // of each vertex
   // Where it moves: of its first shape, to which what only moves comes back, whatever was between.
   std::vector<Real> first_openness;
@@ -103,7 +103,7 @@ struct Insertion::Impl {
     radius = 0.5 * length(bvh.box().size());
     RenderOptions looking = render;
     looking.layers.reset();
-    sky = field.shows_background() ? render.background : Vec3{};
+    backdrop = field.shows_background() ? render.background : Vec3{};
     // From inside the object, but not so far out that what it stands on would be missed.
     const Vec3d size = bvh.box().size();
     const double near = 0.45 * std::min({size.x, size.y, size.z});
@@ -156,7 +156,7 @@ struct Insertion::Impl {
       met.reflected.near = 0;
       met.reflected.far = 1e30;
       met.reflected.clear = 0;
-      met.reflected.background = sky;
+      met.reflected.background = backdrop;
       // A rough mirror shows wide cones.
       met.reflected.radius = static_cast<Real>(0.5 * s.roughness * s.roughness);
     } else {
