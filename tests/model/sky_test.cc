@@ -39,20 +39,19 @@ std::array<double, 3> sky_of(const GridField& field, const Vec3d& d,
   return rgb;
 }
 
-std::vector<Ray> rays_before(const Vec3& background) {
+std::vector<Ray> some_rays() {
   std::vector<Ray> rays(600);  // more than a block
   for (size_t i = 0; i < rays.size(); ++i) {
     const double a = 0.01 * static_cast<double>(i);
     rays[i].origin = {0.5 * std::sin(3 * a), 0.1, -2};
     rays[i].direction = normalized(Vec3d{0.3 * std::sin(a), 0.4 * std::cos(2 * a), 1});
-    rays[i].background = background;
   }
   return rays;
 }
 
 TEST(SkyLight, IsWhatIsLeftOfTheLightTimesTheNetwork) {
   const RadianceField field = test::grid_with_codes(/*sky=*/true);
-  const auto rays = rays_before({});
+  const auto rays = some_rays();
   ThreadPool pool(2);
   RenderOptions with, without;
   with.precision = without.precision = Precision::kF32;
@@ -76,7 +75,7 @@ TEST(SkyLight, IsWhatIsLeftOfTheLightTimesTheNetwork) {
 
 TEST(SkyLight, IsNotSeenByRaysThatEndBeforeIt) {
   const RadianceField field = test::grid_with_codes(/*sky=*/true);
-  std::vector<Ray> rays = rays_before({1, 0.5_r, 0});
+  std::vector<Ray> rays = some_rays();
   ThreadPool pool(2);
   RenderOptions options, without;
   without.sky = false;
@@ -92,7 +91,7 @@ TEST(SkyLight, IsNotSeenByRaysThatEndBeforeIt) {
 
 TEST(SkyLight, IsSeenThroughAMedium) {
   const RadianceField field = test::grid_with_codes(/*sky=*/true);
-  const auto rays = rays_before({});
+  const auto rays = some_rays();
   ThreadPool pool(2);
   RenderOptions clear, fog;
   clear.precision = fog.precision = Precision::kF32;

@@ -9,12 +9,11 @@
 #include "nerf/train/medium_recipe.h"
 #include "nerf/train/trainer.h"
 #include "support/fogged_sphere.h"
+#include "support/repeatable.h"
 #include "support/tiny_options.h"
 
 namespace nerf {
 namespace {
-
-using test::bits_of;
 
 Medium fog() {
   Medium m;
@@ -108,18 +107,7 @@ TEST(LearntMedium, ModelFilesKeepItAndPicturesShowItUnlessToldOtherwise) {
 }
 
 TEST(LearntMedium, ThreadsAndInterruptionsChangeNothing) {
-  const auto c = test::fogged_capture(water(), 8);
-  const TrainOptions options = options_with(LearntMedium::kWater, 24);
-  ThreadPool one(1), two(2);
-  Trainer a(c.scene, c.photos, options, one), b(c.scene, c.photos, options, two);
-  a.run({});
-  for (int i = 0; i < 12; ++i) b.step();
-  const test::TempFolder folder;
-  b.save_checkpoint(folder / "half");
-  Trainer resumed(c.scene, c.photos, options, two);
-  resumed.load_checkpoint(folder / "half");
-  for (int i = 0; i < 12; ++i) resumed.step();
-  EXPECT_EQ(bits_of(a), bits_of(resumed));
+  test::expect_repeatable(test::fogged_capture(water(), 8), options_with(LearntMedium::kWater, 24));
 }
 
 TEST(LearntMedium, PhotosWithAlphaAreRefused) {

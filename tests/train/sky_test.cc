@@ -10,12 +10,11 @@
 #include "nerf/train/light_probe.h"
 #include "nerf/train/methods.h"
 #include "nerf/train/trainer.h"
+#include "support/repeatable.h"
 #include "support/tiny_options.h"
 
 namespace nerf {
 namespace {
-
-using test::bits_of;
 
 Vec3d sky_towards(const Vec3d& d) { return {0.5 + 0.3 * d.z, 0.5 + 0.2 * d.x, 0.6 - 0.3 * d.y}; }
 
@@ -128,19 +127,9 @@ TEST(Sky, IsInModelFiles) {
 }
 
 TEST(Sky, ThreadsAndInterruptionsChangeNothing) {
-  const auto c = capture_before_sky(8);
   TrainOptions options = options_with(Switch::kOn, 24);
   options.grid_recipe.light.appearance = {false, 4};
-  ThreadPool one(1), two(2);
-  Trainer a(c.scene, c.photos, options, one), b(c.scene, c.photos, options, two);
-  a.run({});
-  for (int i = 0; i < 12; ++i) b.step();
-  const test::TempFolder folder;
-  b.save_checkpoint(folder / "half");
-  Trainer resumed(c.scene, c.photos, options, two);
-  resumed.load_checkpoint(folder / "half");
-  for (int i = 0; i < 12; ++i) resumed.step();
-  EXPECT_EQ(bits_of(a), bits_of(resumed));
+  test::expect_repeatable(capture_before_sky(8), options);
 }
 
 // Two photos from each place, the second half as bright: a direction cannot tell them apart.

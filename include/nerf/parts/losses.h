@@ -1,6 +1,6 @@
 // Losses on the light weights along one ray, or on its densities, with their gradients. A histogram
-// has n bins between n
-// + 1 sorted edges in normalised distance s in [0, 1], and a weight for each bin.
+// has n bins between n + 1 sorted edges in normalised distance s in [0, 1], and a weight for each
+// bin.
 #pragma once
 
 #include <span>
