@@ -250,12 +250,17 @@ void GridTrainer::add_losses_on_weights(int64_t c, const GridTape& tape, Chunk& 
 
 void GridTrainer::clear_matter(int64_t c, const GridTape& tape, Chunk& chunk) {
   const double weight = 3 * clearing_now();
+  const Real* middles = batch.middle.data() + c * kChunkSamples;
+  Real* gradient = chunk.data(tape.density_gradient);
+  std::fill_n(gradient, chunk.samples, 0.0_r);
   for (int r = 0; r < chunk.rays; ++r) {
-    const int32_t begin = chunk.ray_begin[r];
+    const Real sky_from = batch.sky_from[static_cast<size_t>(c * kChunkRays + r)];
+    const Real* end = middles + chunk.ray_begin[r + 1];
+    const int64_t begin = std::lower_bound(middles + chunk.ray_begin[r], end, sky_from) - middles;
     const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
-    chunk.loss += matter_loss(
-        {chunk.data(tape.density) + begin, n}, {chunk.data(tape.delta) + begin, n},
-        static_cast<Real>(weight) * scale_of(c, r), {chunk.data(tape.density_gradient) + begin, n});
+    chunk.loss +=
+        matter_loss({chunk.data(tape.density) + begin, n}, {chunk.data(tape.delta) + begin, n},
+                    static_cast<Real>(weight) * scale_of(c, r), {gradient + begin, n});
   }
 }
 

@@ -92,7 +92,7 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
              .medium = o.grid_recipe.medium.medium,
              .sky = learns_sky(o, s)}),
       optimiser(field),
-      maker(source, field, distortion > 0 || depth_weight > 0, t),
+      maker(source, field, distortion > 0 || depth_weight > 0 || clearing > 0, t),
       batch(std::max(1, o.grid_recipe.batch_samples / kChunkSamples)) {
   const size_t columns = static_cast<size_t>(batch.max_chunks) * kChunkSamples;
   features = AlignedArray<Real>(columns * static_cast<size_t>(field.shape.features()));
@@ -158,6 +158,10 @@ GridTrainer::GridTrainer(const Scene& s, const PhotoSet& p, const TrainOptions& 
     robust = std::make_unique<RobustMask>(p, s.train, share);
     maker.use_tiles(*robust);
     ray_errors.resize(batch.weight.size());
+  }
+  if (clearing > 0) {
+    skylines = std::make_unique<Skylines>(scene);
+    maker.use_skylines(*skylines);
   }
   initialise();
   const PixelLoss pixel = PixelLoss::huber(static_cast<Real>(o.grid_recipe.huber_delta));

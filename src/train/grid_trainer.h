@@ -162,6 +162,7 @@ struct GridTrainer final : TrainerImpl {
   std::vector<int64_t> chunk_kept;          // samples that learn, see keep_samples()
   std::vector<double> chunk_loss, chunk_opacity, chunk_squared_error;  // sums over rays
   std::unique_ptr<RobustMask> robust;                                  // none: every pixel teaches
+  std::unique_ptr<Skylines> skylines;                                  // none: no sky is cleared
   std::vector<Real> ray_errors;  // then: absolute, mean over channels; [chunk][kChunkRays]
   std::unique_ptr<RollingShutter> shutter;    // none: a photo's lines are read at once
   std::unique_ptr<CameraRefinement> cameras;  // none: they stay

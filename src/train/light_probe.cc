@@ -1,16 +1,14 @@
 #include "nerf/train/light_probe.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
 #include <numeric>
 #include <vector>
 
 #include "nerf/io/photo_scales.h"
-#include "nerf/math/median.h"
 #include "nerf/math/ray.h"
 #include "nerf/model/integrator.h"
+#include "train/skyline.h"
 
 namespace nerf {
 
@@ -178,39 +176,13 @@ bool LightProbe::passes() const {
   return passing_share.value_or(0) > kPassing;
 }
 
-double share_above_points(const Scene& scene, const PhotoSet& photos) {
-  constexpr size_t kColumns = 16;
-  using Columns = std::array<double, kColumns>;
-  std::vector<bool> trains(scene.views.size());
-  for (const int v : scene.train) trains[static_cast<size_t>(v)] = true;
-  Columns none;
-  none.fill(1);
-  std::map<int32_t, Columns> above;  // of a view that shows points
-  for (const Observation& seen : scene.observations) {
-    const size_t view = static_cast<size_t>(seen.image);
-    if (!trains[view]) continue;
-    const Camera& camera = photos.cameras[view];
-    const Pose pose = scene.views[view].pose;
-    const Vec3d away = scene.points[static_cast<size_t>(seen.point)].position - pose.translation;
-    const auto pixel = project(camera, pose.rotation.transposed() * away);
-    if (!pixel || !(pixel->x >= 0 && pixel->x < camera.width)) continue;
-    Columns& columns = above.try_emplace(seen.image, none).first->second;
-    double& column = columns[static_cast<size_t>(pixel->x / camera.width * kColumns)];
-    column = std::min(column, std::clamp(pixel->y / camera.height, 0.0, 1.0));
-  }
-  std::vector<double> shares;
-  for (const auto& [view, columns] : above)
-    shares.push_back(std::accumulate(columns.begin(), columns.end(), 0.0) / kColumns);
-  return shares.empty() ? 0 : median_of(std::move(shares));
-}
-
 LightProbe probe_light(const Scene& scene, const PhotoSet& photos, ThreadPool& pool,
                        const Cancel* cancel) {
   LightProbe probe;
   probe.shown = shown_light(scene, photos);
   probe.exposure_spread = standard_deviation(probe.shown.exposure);
   if (scene.unbounded && !scene.alpha && !masks_cut_out(photos))
-    probe.above_points = share_above_points(scene, photos);
+    probe.above_points = share_above_points(scene, photos).value_or(0);
   train_shortly(scene, photos, pool, cancel, probe);
   return probe;
 }
@@ -240,8 +212,7 @@ void resolve_light(const LightProbe& probe, TrainOptions& options) {
   if (light.exif_exposure.automatic) light.exif_exposure = {false, rounded(exif)};
   // It costs no capture that was measured; those of fixed light stay as they are.
   if (light.vignetting == Switch::kAuto) light.vignetting = light.colour_correction;
-  // `liberty` has 0.56, `fern`, `fox` and `bonsai` 0.07 to 0.13; a sky would cost these 3 to 5 dB.
-  // Others look down at plain tables and floors (0.33, 0.41), but not on different days.
+  // `liberty` has 0.41, seven others, the demo among them, 0.01 to 0.14.
   if (light.sky == Switch::kAuto)
     light.sky = unlike_days && probe.above_points > kSky ? Switch::kOn : Switch::kOff;
   if (!options.pixel_recipe.point_depth && unlike_days) {

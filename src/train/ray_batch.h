@@ -17,6 +17,7 @@
 #include "nerf/parts/ray_sampler.h"
 #include "train/robust_mask.h"
 #include "train/sightings.h"
+#include "train/skyline.h"
 
 namespace nerf {
 
@@ -128,10 +129,11 @@ struct RayBatch {
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
   std::vector<int32_t> tile;                         // of RobustMask, as `weight`; below 0: none
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
-  std::vector<Real> corner;  // corner_square(), as `weight`; of rays without a pixel 0
-  std::vector<Real> time;    // Ray::time, as `weight`
-  std::vector<Real> cover;   // 1 where a ray ends in a sky that is learnt, else 0; as `weight`
-  std::vector<Real> depth;   // where light should end, in `middle`'s terms; 0: unknown; as `weight`
+  std::vector<Real> corner;    // corner_square(), as `weight`; of rays without a pixel 0
+  std::vector<Real> time;      // Ray::time, as `weight`
+  std::vector<Real> cover;     // 1 where a ray ends in a sky that is learnt, else 0; as `weight`
+  std::vector<Real> sky_from;  // Skylines::sky_from() in `middle`'s terms, as `weight`
+  std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
   int64_t rays_masked = 0;      // of these; their Ray::photo is below 0
@@ -168,6 +170,8 @@ class RayBatchMaker {
                 ThreadPool& pool);
   // From now on rays say which tile of it they are of; must outlive this.
   void use_tiles(const RobustMask& robust) { robust_ = &robust; }
+  // From now on rays say from where on they meet nothing but sky; must outlive this.
+  void use_skylines(const Skylines& skylines) { skylines_ = &skylines; }
   // What all rays end in, given ones too, in place of what is drawn.
   void set_background(const Vec3& background) { background_ = background; }
   // Of a sample: once more what its block holds, with a vector's reserve, and its ray's record.
@@ -186,7 +190,7 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
-    Real depth = 0, time = 0, corner = 0, cover = 0;
+    Real depth = 0, time = 0, corner = 0, cover = 0, sky_from = 1;
     double share = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;
@@ -211,6 +215,7 @@ class RayBatchMaker {
   const GridField& field_;
   bool intervals_, lists_ = false, lines_ = false;
   const RobustMask* robust_ = nullptr;
+  const Skylines* skylines_ = nullptr;
   std::optional<Vec3> background_;
   ThreadPool& pool_;
   std::vector<RaySampler> samplers_;  // one per thread

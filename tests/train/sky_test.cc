@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 #include <optional>
 
 #include "nerf/model/renderer.h"
@@ -12,6 +14,7 @@
 #include "nerf/train/trainer.h"
 #include "support/repeatable.h"
 #include "support/tiny_options.h"
+#include "train/skyline.h"
 
 namespace nerf {
 namespace {
@@ -23,6 +26,9 @@ test::SyntheticCapture capture_before_sky(int views = 24) {
   c.scene.alpha = false;
   c.scene.unbounded = true;
   c.scene.near = 2;
+  // From below, since no sky is learnt below the horizon.
+  for (int v = 0; v < views; ++v)
+    c.scene.views[static_cast<size_t>(v)].pose = test::spiral_pose(v, 2 * views);
   // Points of the sphere, seen where they face a camera.
   constexpr int kPoints = 200;
   for (int i = 0; i < kPoints; ++i) {
@@ -173,32 +179,90 @@ TEST(Sky, IsLearntWhereDaysDifferAndPhotosShowIt) {
   EXPECT_EQ(chosen(0.1, 0.5), Switch::kOff);
 }
 
-// Cameras side by side see three points, one above the other, in one column of 16.
-TEST(Sky, IsAboveAllPoints) {
-  test::SyntheticCapture c;
-  const int size = 320;
-  c.scene.unbounded = true;
-  c.scene.cameras = {test::sphere_camera(size)};
-  for (int i = 0; i < 3; ++i) {
+// A camera that looks at points around it.
+class SkylineTest : public ::testing::Test {
+ protected:
+  static constexpr int kSize = 64;
+  static constexpr double kHorizon = -0.15, kMargin = 0.02;  // sines, see skyline.cc
+
+  void SetUp() override {
     View view;
-    view.name = std::to_string(i);
-    view.pose.translation = {0.1 * (i - 1), 0, 0};
-    c.scene.views.push_back(view);
-    c.scene.train.push_back(i);
+    view.name = "a";
+    c_.scene.views = {view};
+    c_.scene.train = {0};
+    c_.scene.cameras = {test::sphere_camera(kSize)};
+    c_.photos.cameras = c_.scene.cameras;
     Photo photo;
-    photo.width = photo.height = size;
-    photo.pixels8.assign(3 * size * size, 120);
-    c.photos.photos.push_back(photo);
-    c.photos.cameras.push_back(c.scene.cameras[0]);
+    photo.width = photo.height = kSize;
+    photo.pixels8.assign(size_t{3} * kSize * kSize, 120);
+    c_.photos.photos = {photo};
   }
-  EXPECT_EQ(share_above_points(c.scene, c.photos), 0) << "nothing is known";
-  const double f = c.scene.cameras[0].params[0];
-  for (const double y : {160.5, 80.5, 240.5}) {
-    c.scene.points.push_back({{0, (y - 160) / f, 1}, 0.5, 3});
-    for (int i = 0; i < 3; ++i)
-      c.scene.observations.push_back({i, static_cast<int32_t>(c.scene.points.size()) - 1});
+  static Vec3d direction(double azimuth, double height) {
+    const double across = std::sqrt(1 - height * height);
+    return {std::cos(azimuth) * across, std::sin(azimuth) * across, height};
   }
-  EXPECT_NEAR(share_above_points(c.scene, c.photos), (15 + 80.5 / size) / 16, 1e-12);
+  void add_point(double azimuth, double height, double distance = 7, int views = 2) {
+    c_.scene.observations.push_back({0, static_cast<int32_t>(c_.scene.points.size())});
+    c_.scene.points.push_back({direction(azimuth, height) * distance, 0.5, views});
+  }
+  double sky_from(double azimuth, double height, size_t photo = 0) const {
+    return Skylines(c_.scene).sky_from(photo, direction(azimuth, height));
+  }
+  static constexpr double kNowhere = std::numeric_limits<double>::infinity();
+  test::SyntheticCapture c_;
+};
+
+TEST_F(SkylineTest, IsTheHorizonWhereNoPointIsHigher) {
+  EXPECT_EQ(sky_from(1, kHorizon - 0.01), kNowhere);
+  EXPECT_EQ(sky_from(1, kHorizon + 0.01), kNowhere) << "no points";
+  EXPECT_EQ(sky_from(1, kHorizon + kMargin + 0.01), 0);
+  for (const double height : {-0.5, -0.6}) add_point(1, height);
+  EXPECT_EQ(sky_from(1, -0.3), kNowhere);
+  EXPECT_EQ(sky_from(1, kHorizon + kMargin + 0.01), 0);
+}
+
+TEST_F(SkylineTest, IsTheSecondHighestPointWithinAFewDegrees) {
+  add_point(1, 0.5);
+  add_point(1.01, 0.4);
+  add_point(1, 0.2);
+  EXPECT_GT(sky_from(1, 0.4 + kMargin - 0.01), 0);
+  EXPECT_EQ(sky_from(1, 0.4 + kMargin + 0.01), 0) << "one point may be wrong";
+  EXPECT_GT(sky_from(1.02, 0.3), 0);
+  EXPECT_EQ(sky_from(1.1, 0.1), 0);
+  for (int i = 0; i < 2; ++i) add_point(-1, 0.5, 7, 1);
+  EXPECT_EQ(sky_from(-1, 0.1), 0) << "no two photos agree";
+}
+
+TEST_F(SkylineTest, HasNothingBehindAllPoints) {
+  for (int i = 0; i < 99; ++i) add_point(1, 0.3, 5 + 0.01 * i);
+  for (int i = 0; i < 2; ++i) add_point(2, 0.3, 90);
+  EXPECT_NEAR(sky_from(1, 0.2), 1.25 * 5.98, 1e-9) << "but for two, which may be wrong";
+  c_.scene.to_engine.scale = 0.5;
+  EXPECT_NEAR(sky_from(1, 0.2), 0.5 * 1.25 * 5.98, 1e-9) << "engine units";
+}
+
+TEST_F(SkylineTest, IsThatOfThePhotoAtEveryScale) {
+  add_point(1, 0.5);
+  add_point(1, 0.5);
+  c_.scene.views[0].image_path = "a.png";
+  c_.scene.views.push_back(c_.scene.views[0]);
+  c_.scene.views[1].name = "scale2/a";
+  c_.scene.train.push_back(1);
+  EXPECT_GT(sky_from(1, 0.3, 1), 0);
+}
+
+// The camera looks along the level, +y, from where photos see no sky below the skyline.
+TEST_F(SkylineTest, LeavesAShareOfPhotos) {
+  c_.scene.views[0].pose.rotation.m = {{{1, 0, 0}, {0, 0, 1}, {0, -1, 0}}};
+  EXPECT_EQ(share_above_points(c_.scene, c_.photos), std::nullopt) << "nothing is known";
+  for (int i = 0; i < 30; ++i) add_point(std::numbers::pi / 2, -0.5);
+  // Of the picture's middle row up to the horizon; a little more of its sides.
+  const double f = c_.scene.cameras[0].params[0];
+  const double below = f * std::tan(std::asin(-kHorizon - kMargin)) / kSize;
+  EXPECT_NEAR(*share_above_points(c_.scene, c_.photos), 0.5 + below, 0.04);
+  c_.photos.photos[0].mask.assign(size_t{kSize} * kSize, 255);
+  std::fill_n(c_.photos.photos[0].mask.begin(), kSize * kSize / 4, uint8_t{0});
+  EXPECT_NEAR(*share_above_points(c_.scene, c_.photos), 0.25 + below, 0.04);
 }
 
 TEST(Sky, IsNotLearntBehindTransparentPhotosOrInAMedium) {

@@ -31,13 +31,10 @@ struct LightProbe {
   // Whether that is more than light and what is hard to learn account for.
   bool passes() const;
   ShownLight shown = {};
-  // share_above_points() of a scene that may have a sky: an unbounded one, not an object cut out.
+  // What share of the photos lies above the horizon and above all sparse points that they show, of
+  // a scene that may have a sky: an unbounded one, not an object cut out.
   double above_points = 0;
 };
-
-// What share of a photo's height lies above all the sparse points that it shows: the mean over 16
-// columns, the median over the training photos. No point is in the sky, nor on a plain wall.
-double share_above_points(const Scene& scene, const PhotoSet& photos);
 
 // A few seconds. The short training is made of an unbounded scene with `train` photos enough, and
 // none where photos have times, whose content differs. The same for any number of threads. Throws

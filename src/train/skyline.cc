@@ -1,0 +1,119 @@
+#include "train/skyline.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <numbers>
+
+namespace nerf {
+
+namespace {
+
+// Sine of the elevation. Cameras that look up from one side tell little of what is level: those of
+// `liberty` are off by 10 degrees.
+constexpr double kHorizon = -0.15;
+
+// Of the horizon, in equal parts: photos that show little of it tell its parts better apart.
+size_t bins_of(const Camera& camera) {
+  constexpr double kBinsAcross = 48, kWidest = 0.025, kNarrowest = 0.0025;  // radians
+  const auto left = unproject(camera, {0.5, 0.5 * camera.height});
+  const auto right = unproject(camera, {camera.width - 0.5, 0.5 * camera.height});
+  double width = kWidest;
+  if (left && right) {
+    const double cosine = dot(normalized(*left), normalized(*right));
+    width = std::acos(std::clamp(cosine, -1.0, 1.0)) / kBinsAcross;
+  }
+  return static_cast<size_t>(2 * std::numbers::pi / std::clamp(width, kNarrowest, kWidest));
+}
+
+// How far so many distances go, but for the farthest, which may be wrong.
+double reach_of(std::vector<double> distances) {
+  constexpr double kQuantile = 0.98, kMargin = 1.25;
+  if (distances.empty()) return std::numeric_limits<double>::infinity();
+  const auto at =
+      static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(distances.size() - 1));
+  std::ranges::nth_element(distances, distances.begin() + at);
+  return kMargin * distances[static_cast<size_t>(at)];
+}
+
+}  // namespace
+
+size_t Skylines::Line::bin_of(const Vec3d& d) const {
+  const double turn = std::atan2(d.y, d.x) / (2 * std::numbers::pi) + 0.5;
+  const size_t bin = static_cast<size_t>(turn * static_cast<double>(height.size()));
+  return std::min(bin, height.size() - 1);
+}
+
+Skylines::Skylines(const Scene& scene) {
+  constexpr int kSureViews = 2;  // of a point
+  // A photo at other scales has no points of its own.
+  std::map<std::filesystem::path, size_t> line_of_file;
+  std::map<int32_t, size_t> line_of_view;
+  for (const int v : scene.train) {
+    const View& view = scene.views[static_cast<size_t>(v)];
+    const auto file = view.image_path.empty() ? std::filesystem::path(view.name) : view.image_path;
+    const auto [line, is_new] = line_of_file.try_emplace(file, lines_.size());
+    if (is_new) {
+      const size_t bins = bins_of(scene.cameras[static_cast<size_t>(view.camera)]);
+      lines_.push_back({.height = std::vector<double>(bins, kHorizon)});
+    }
+    line_of_view[v] = line->second;
+    line_of_.push_back(line->second);
+  }
+  std::vector<std::vector<double>> highest, distances(lines_.size());
+  for (const Line& line : lines_) highest.push_back(line.height);
+  for (const Observation& seen : scene.observations) {
+    const ScenePoint& point = scene.points[static_cast<size_t>(seen.point)];
+    const auto at = line_of_view.find(seen.image);
+    if (point.views < kSureViews || at == line_of_view.end()) continue;
+    const Pose& pose = scene.views[static_cast<size_t>(seen.image)].pose;
+    const Vec3d away =
+        scene.to_engine.apply(point.position) - scene.to_engine.apply(pose).translation;
+    distances[at->second].push_back(length(away));
+    const double height = normalized(away).z;
+    Line& line = lines_[at->second];
+    ++line.points;
+    const size_t bins = line.height.size(), middle = line.bin_of(away);
+    for (const size_t bin : {middle + bins - 1, middle, middle + 1}) {
+      double& first = highest[at->second][bin % bins];
+      double& second = line.height[bin % bins];
+      second = std::max(second, std::min(first, height));
+      first = std::max(first, height);
+    }
+  }
+  for (size_t i = 0; i < lines_.size(); ++i) lines_[i].far = reach_of(std::move(distances[i]));
+}
+
+double Skylines::sky_from(size_t photo, const Vec3d& direction) const {
+  constexpr double kMargin = 0.02;  // matter ends somewhat above its highest point
+  const Line& line = lines_[line_of_[photo]];
+  if (direction.z > line.height[line.bin_of(direction)] + kMargin) return 0;
+  return direction.z > kHorizon ? line.far : std::numeric_limits<double>::infinity();
+}
+
+std::optional<double> share_above_points(const Scene& scene, const PhotoSet& photos) {
+  constexpr int kSide = 32;  // of a lattice over each photo
+  const Skylines skylines(scene);
+  int above = 0, all = 0;
+  for (size_t i = 0; i < scene.train.size(); ++i) {
+    if (!skylines.is_known(i)) continue;
+    const size_t v = static_cast<size_t>(scene.train[i]);
+    const auto rotation = scene.to_engine.apply(scene.views[v].pose).rotation;
+    const Camera& camera = photos.cameras[v];
+    for (int y = 0; y < kSide; ++y)
+      for (int x = 0; x < kSide; ++x) {
+        const Vec2d at{(x + 0.5) * camera.width / kSide, (y + 0.5) * camera.height / kSide};
+        const auto direction = unproject(camera, at);
+        if (!direction) continue;
+        ++all;
+        above += !photos.photos[v].masked_out(static_cast<int>(at.x), static_cast<int>(at.y)) &&
+                 skylines.sky_from(i, normalized(rotation * *direction)) == 0;
+      }
+  }
+  if (all == 0) return std::nullopt;
+  return static_cast<double>(above) / all;
+}
+
+}  // namespace nerf

@@ -1,0 +1,46 @@
+// Where a photo may show the sky, by the sparse points that it shows.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "nerf/io/photos.h"
+#include "nerf/io/scene.h"
+
+namespace nerf {
+
+// Of each training photo the highest sparse points that it shows, in every direction around its
+// camera, and how far its points go. Points of two photos or more count.
+class Skylines {
+ public:
+  explicit Skylines(const Scene& scene);
+
+  // Distance, in engine units, from which on a ray of the i-th training photo meets nothing but sky
+  // where it is not stopped before. `direction`: unit, engine coordinates.
+  // - 0 above the skyline: above the horizon and the points within a few degrees to the left and
+  //   right, but for one, which may be wrong.
+  // - A quarter farther than the photo's points, but for the farthest 2 %, below it.
+  // - Infinite below the horizon, where bare ground has no points either; and where the photo shows
+  //   no points.
+  double sky_from(size_t photo, const Vec3d& direction) const;
+  // Whether the photo shows points enough to tell.
+  bool is_known(size_t photo) const { return lines_[line_of_[photo]].points >= kEnoughPoints; }
+
+ private:
+  static constexpr int kEnoughPoints = 20;
+  struct Line {
+    int points = 0;
+    double far = 0;              // how far they go, engine units
+    std::vector<double> height;  // sine of the elevation, in equal bins all around
+    size_t bin_of(const Vec3d& direction) const;
+  };
+  std::vector<Line> lines_;      // of photos of different files
+  std::vector<size_t> line_of_;  // of the i-th training photo
+};
+
+// What share of the training photos is above their skylines and not masked out, in the mean of
+// those that show points enough; none where no photo does.
+std::optional<double> share_above_points(const Scene& scene, const PhotoSet& photos);
+
+}  // namespace nerf
