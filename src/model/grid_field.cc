@@ -259,6 +259,7 @@ GridTape::GridTape(const GridField& field, Purpose purpose, const GridLosses& lo
     add_gradient(tape, image.weights, weight_gradient);
   }
   if (seen_through) image.pixel = over_medium(tape, image.pixel, field.medium_numbers);
+  matter = image.pixel;
   if (training && field.has_sky()) {
     cover = tape.input(1, Domain::kRays);
     image.pixel = over_sky(tape, image.pixel, record_sky(tape, field, directions, of_rays), cover);

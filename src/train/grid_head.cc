@@ -108,7 +108,8 @@ void GridTrainer::note_pixels(int64_t c, const GridTape& tape, const Chunk& chun
     squared_error += static_cast<double>(sum);
   }
   chunk_squared_error[static_cast<size_t>(c)] = squared_error;
-  const Real* opacity = pixel + 3 * lr;
+  // The sky covers everything, also where the field is empty.
+  const Real* opacity = chunk.data(tape.matter) + 3 * chunk.stride(tape.matter);
   chunk_opacity[static_cast<size_t>(c)] = std::accumulate(opacity, opacity + chunk.rays, 0.0);
 }
 

@@ -91,6 +91,15 @@ TEST(Sky, IsLearntAndLeavesNoMatterBeforeIt) {
   EXPECT_GT(opacity_of(without, c, pool).beside, 0.5);
 }
 
+TEST(Sky, LeavesTheOpacityOfMatterInReports) {
+  auto c = capture_before_sky(8);
+  c.scene.near = 100;  // nothing is that far
+  ThreadPool pool(1);
+  Trainer trainer(c.scene, c.photos, options_with(Switch::kOn, 8), pool);
+  trainer.step();
+  EXPECT_EQ(trainer.step().opacity, 0);
+}
+
 TEST(Sky, IsSeenInPlaceOfTheBackground) {
   const auto c = capture_before_sky();
   ThreadPool pool(2);

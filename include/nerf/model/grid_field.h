@@ -215,6 +215,7 @@ struct GridTape {
   Value density = 0;           // out: [1 x samples]
   Value colour = 0;            // out: [3 x samples], or [3 x groups] where training shares colours
   Composite image{};           // out
+  Value matter = -1;           // out: [4 x rays], the pixel before the sky, or without one
   Value weight_gradient = -1;  // between, GridLosses::on_weights only: [1 x samples]
   Value gradient_roulette = -1;  // GridLosses::roulette only: has RouletteState
 
