@@ -255,13 +255,20 @@ void GridTrainer::clear_matter(int64_t c, const GridTape& tape, Chunk& chunk) {
   Real* gradient = chunk.data(tape.density_gradient);
   std::fill_n(gradient, chunk.samples, 0.0_r);
   for (int r = 0; r < chunk.rays; ++r) {
-    const Real sky_from = batch.sky_from[static_cast<size_t>(c * kChunkRays + r)];
-    const Real* end = middles + chunk.ray_begin[r + 1];
-    const int64_t begin = std::lower_bound(middles + chunk.ray_begin[r], end, sky_from) - middles;
-    const size_t n = static_cast<size_t>(chunk.ray_begin[r + 1] - begin);
-    chunk.loss +=
-        matter_loss({chunk.data(tape.density) + begin, n}, {chunk.data(tape.delta) + begin, n},
-                    static_cast<Real>(weight) * scale_of(c, r), {gradient + begin, n});
+    const size_t ray = static_cast<size_t>(c * kChunkRays + r);
+    const auto clear = [&](int64_t begin, int64_t end) {
+      const size_t n = static_cast<size_t>(end - begin);
+      chunk.loss +=
+          matter_loss({chunk.data(tape.density) + begin, n}, {chunk.data(tape.delta) + begin, n},
+                      static_cast<Real>(weight) * scale_of(c, r), {gradient + begin, n});
+    };
+    const int64_t first = chunk.ray_begin[r], last = chunk.ray_begin[r + 1];
+    const auto at = [&](Real place) {
+      return std::lower_bound(middles + first, middles + last, place) - middles;
+    };
+    const int64_t matter = at(batch.matter_begin[ray]), behind = at(batch.matter_end[ray]);
+    clear(first, matter);
+    clear(behind, last);
   }
 }
 

@@ -27,7 +27,8 @@ RayBatch::RayBatch(int max) : max_chunks(max) {
   time.resize(weight.size());
   corner.resize(weight.size());
   cover.resize(weight.size());
-  sky_from.resize(weight.size());
+  matter_begin.resize(weight.size());
+  matter_end.resize(weight.size());
   tile.resize(weight.size());
 }
 
@@ -108,9 +109,12 @@ void RayBatchMaker::draw_block(uint64_t seed, int64_t step, int64_t index, int64
       record.corner = static_cast<Real>(corner_square(*pixel.camera, pixel.centre()));
     if (robust_ && given.empty() && !pixel.masked)
       record.tile = robust_->tile_of(pixel.source, pixel.x, pixel.y);
-    if (skylines_ && given.empty() && !pixel.masked)
-      record.sky_from =
-          inverse_place(static_cast<Real>(skylines_->sky_from(pixel.source, pixel.ray.direction)));
+    if (skylines_ && given.empty() && !pixel.masked) {
+      const auto matter = skylines_->matter(pixel.source, pixel.ray.direction);
+      const auto place = [](double d) { return inverse_place(static_cast<Real>(d)); };
+      record.matter_begin = matter ? place(matter->near) : 1;
+      record.matter_end = matter ? place(matter->far) : 1;
+    }
     record.cover = field_.has_sky() && !pixel.masked && !pixel.ray.ends ? 1 : 0;
     record.depth = inverse_place(static_cast<Real>(pixel.distance));
     for (int k = 0; k < 3; ++k) {
@@ -188,7 +192,8 @@ void RayBatchMaker::copy_block(Block& block, RayBatch& batch) {
     batch.corner[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.corner;
     batch.tile[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.tile;
     batch.cover[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.cover;
-    batch.sky_from[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.sky_from;
+    batch.matter_begin[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.matter_begin;
+    batch.matter_end[static_cast<size_t>(r.chunk * kChunkRays + r.ray)] = r.matter_end;
     for (int k = 0; k < 3; ++k) {
       batch.direction_of(r.chunk)[k * kChunkRays + r.ray] = r.direction[k];
       batch.background_of(r.chunk)[k * kChunkRays + r.ray] = r.background[k];

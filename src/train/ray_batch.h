@@ -129,10 +129,11 @@ struct RayBatch {
   std::vector<Real> weight;                          // of the error, [chunk][kChunkRays]
   std::vector<int32_t> tile;                         // of RobustMask, as `weight`; below 0: none
   std::vector<int32_t> photo;                        // Ray::photo, as `weight`
-  std::vector<Real> corner;    // corner_square(), as `weight`; of rays without a pixel 0
-  std::vector<Real> time;      // Ray::time, as `weight`
-  std::vector<Real> cover;     // 1 where a ray ends in a sky that is learnt, else 0; as `weight`
-  std::vector<Real> sky_from;  // Skylines::sky_from() in `middle`'s terms, as `weight`
+  std::vector<Real> corner;  // corner_square(), as `weight`; of rays without a pixel 0
+  std::vector<Real> time;    // Ray::time, as `weight`
+  std::vector<Real> cover;   // 1 where a ray ends in a sky that is learnt, else 0; as `weight`
+  // Between which a ray may meet matter (Skylines::matter()), in `middle`'s terms; as `weight`.
+  std::vector<Real> matter_begin, matter_end;
   std::vector<Real> depth;  // where light should end, in `middle`'s terms; 0: unknown; as `weight`
 
   int64_t rays_considered = 0;  // of the step, those that met no matter included
@@ -170,7 +171,7 @@ class RayBatchMaker {
                 ThreadPool& pool);
   // From now on rays say which tile of it they are of; must outlive this.
   void use_tiles(const RobustMask& robust) { robust_ = &robust; }
-  // From now on rays say from where on they meet nothing but sky; must outlive this.
+  // From now on rays say where they may meet matter; must outlive this.
   void use_skylines(const Skylines& skylines) { skylines_ = &skylines; }
   // What all rays end in, given ones too, in place of what is drawn.
   void set_background(const Vec3& background) { background_ = background; }
@@ -190,7 +191,8 @@ class RayBatchMaker {
     Real direction[3], background[3], target[3];
     Real squared_error = 0;  // against the background alone
     Real weight = 1;
-    Real depth = 0, time = 0, corner = 0, cover = 0, sky_from = 1;
+    Real depth = 0, time = 0, corner = 0, cover = 0;
+    Real matter_begin = 0, matter_end = 1;
     double share = 0;
     int32_t photo = -1, source = -1, tile = -1;
     int chunk = -1, ray = 0, offset = 0;

@@ -28,14 +28,17 @@ size_t bins_of(const Camera& camera) {
   return static_cast<size_t>(2 * std::numbers::pi / std::clamp(width, kNarrowest, kWidest));
 }
 
-// How far so many distances go, but for the farthest, which may be wrong.
-double reach_of(std::vector<double> distances) {
-  constexpr double kQuantile = 0.98, kMargin = 1.25;
-  if (distances.empty()) return std::numeric_limits<double>::infinity();
-  const auto at =
-      static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(distances.size() - 1));
-  std::ranges::nth_element(distances, distances.begin() + at);
-  return kMargin * distances[static_cast<size_t>(at)];
+// Where so many distances lie, but for those at either end, which may be wrong.
+SampleRange reach_of(std::vector<double> distances) {
+  constexpr double kWrong = 0.02, kNearer = 0.9, kFarther = 1.25;
+  if (distances.empty()) return {0, std::numeric_limits<double>::infinity()};
+  const auto wrong =
+      static_cast<std::ptrdiff_t>(kWrong * static_cast<double>(distances.size() - 1));
+  const auto at = [&](std::ptrdiff_t i) {
+    std::ranges::nth_element(distances, distances.begin() + i);
+    return distances[static_cast<size_t>(i)];
+  };
+  return {kNearer * at(wrong), kFarther * at(std::ssize(distances) - 1 - wrong)};
 }
 
 }  // namespace
@@ -83,14 +86,16 @@ Skylines::Skylines(const Scene& scene) {
       first = std::max(first, height);
     }
   }
-  for (size_t i = 0; i < lines_.size(); ++i) lines_[i].far = reach_of(std::move(distances[i]));
+  for (size_t i = 0; i < lines_.size(); ++i) lines_[i].reach = reach_of(std::move(distances[i]));
 }
 
-double Skylines::sky_from(size_t photo, const Vec3d& direction) const {
+std::optional<SampleRange> Skylines::matter(size_t photo, const Vec3d& direction) const {
   constexpr double kMargin = 0.02;  // matter ends somewhat above its highest point
   const Line& line = lines_[line_of_[photo]];
-  if (direction.z > line.height[line.bin_of(direction)] + kMargin) return 0;
-  return direction.z > kHorizon ? line.far : std::numeric_limits<double>::infinity();
+  if (direction.z > line.height[line.bin_of(direction)] + kMargin) return std::nullopt;
+  SampleRange reach = line.reach;
+  if (direction.z <= kHorizon) reach.far = std::numeric_limits<double>::infinity();
+  return reach;
 }
 
 std::optional<double> share_above_points(const Scene& scene, const PhotoSet& photos) {
@@ -109,7 +114,7 @@ std::optional<double> share_above_points(const Scene& scene, const PhotoSet& pho
         if (!direction) continue;
         ++all;
         above += !photos.photos[v].masked_out(static_cast<int>(at.x), static_cast<int>(at.y)) &&
-                 skylines.sky_from(i, normalized(rotation * *direction)) == 0;
+                 !skylines.matter(i, normalized(rotation * *direction));
       }
   }
   if (all == 0) return std::nullopt;

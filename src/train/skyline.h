@@ -7,6 +7,7 @@
 
 #include "nerf/io/photos.h"
 #include "nerf/io/scene.h"
+#include "train/sample_range.h"
 
 namespace nerf {
 
@@ -16,14 +17,15 @@ class Skylines {
  public:
   explicit Skylines(const Scene& scene);
 
-  // Distance, in engine units, from which on a ray of the i-th training photo meets nothing but sky
-  // where it is not stopped before. `direction`: unit, engine coordinates.
-  // - 0 above the skyline: above the horizon and the points within a few degrees to the left and
-  //   right, but for one, which may be wrong.
-  // - A quarter farther than the photo's points, but for the farthest 2 %, below it.
-  // - Infinite below the horizon, where bare ground has no points either; and where the photo shows
-  //   no points.
-  double sky_from(size_t photo, const Vec3d& direction) const;
+  // Distances, in engine units, between which a ray of the i-th training photo may meet matter;
+  // what is elsewhere on it is sky, or air. `direction`: unit, engine coordinates.
+  // - From a tenth nearer than the photo's points to a quarter farther, but for 2 % at either end
+  //   that may be wrong.
+  // - Nowhere (none) above the skyline: above the horizon and the points within a few degrees to
+  //   the left and right, but for one.
+  // - Without an end below the horizon, where bare ground has no points either; from 0 without an
+  //   end where the photo shows no points.
+  std::optional<SampleRange> matter(size_t photo, const Vec3d& direction) const;
   // Whether the photo shows points enough to tell.
   bool is_known(size_t photo) const { return lines_[line_of_[photo]].points >= kEnoughPoints; }
 
@@ -31,7 +33,7 @@ class Skylines {
   static constexpr int kEnoughPoints = 20;
   struct Line {
     int points = 0;
-    double far = 0;              // how far they go, engine units
+    SampleRange reach = {};      // between which they lie
     std::vector<double> height;  // sine of the elevation, in equal bins all around
     size_t bin_of(const Vec3d& direction) const;
   };

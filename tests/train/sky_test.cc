@@ -214,40 +214,46 @@ class SkylineTest : public ::testing::Test {
     c_.scene.observations.push_back({0, static_cast<int32_t>(c_.scene.points.size())});
     c_.scene.points.push_back({direction(azimuth, height) * distance, 0.5, views});
   }
-  double sky_from(double azimuth, double height, size_t photo = 0) const {
-    return Skylines(c_.scene).sky_from(photo, direction(azimuth, height));
+  std::optional<SampleRange> matter(double azimuth, double height, size_t photo = 0) const {
+    return Skylines(c_.scene).matter(photo, direction(azimuth, height));
   }
-  static constexpr double kNowhere = std::numeric_limits<double>::infinity();
+  static constexpr double kNoEnd = std::numeric_limits<double>::infinity();
   test::SyntheticCapture c_;
 };
 
 TEST_F(SkylineTest, IsTheHorizonWhereNoPointIsHigher) {
-  EXPECT_EQ(sky_from(1, kHorizon - 0.01), kNowhere);
-  EXPECT_EQ(sky_from(1, kHorizon + 0.01), kNowhere) << "no points";
-  EXPECT_EQ(sky_from(1, kHorizon + kMargin + 0.01), 0);
+  for (const double height : {kHorizon - 0.01, kHorizon + 0.01}) {
+    ASSERT_TRUE(matter(1, height));
+    EXPECT_EQ(matter(1, height)->near, 0) << "no points";
+    EXPECT_EQ(matter(1, height)->far, kNoEnd) << "no points";
+  }
+  EXPECT_FALSE(matter(1, kHorizon + kMargin + 0.01));
   for (const double height : {-0.5, -0.6}) add_point(1, height);
-  EXPECT_EQ(sky_from(1, -0.3), kNowhere);
-  EXPECT_EQ(sky_from(1, kHorizon + kMargin + 0.01), 0);
+  ASSERT_TRUE(matter(1, -0.3));
+  EXPECT_EQ(matter(1, -0.3)->far, kNoEnd);
+  EXPECT_FALSE(matter(1, kHorizon + kMargin + 0.01));
 }
 
 TEST_F(SkylineTest, IsTheSecondHighestPointWithinAFewDegrees) {
   add_point(1, 0.5);
   add_point(1.01, 0.4);
   add_point(1, 0.2);
-  EXPECT_GT(sky_from(1, 0.4 + kMargin - 0.01), 0);
-  EXPECT_EQ(sky_from(1, 0.4 + kMargin + 0.01), 0) << "one point may be wrong";
-  EXPECT_GT(sky_from(1.02, 0.3), 0);
-  EXPECT_EQ(sky_from(1.1, 0.1), 0);
+  EXPECT_TRUE(matter(1, 0.4 + kMargin - 0.01));
+  EXPECT_FALSE(matter(1, 0.4 + kMargin + 0.01)) << "one point may be wrong";
+  EXPECT_TRUE(matter(1.02, 0.3));
+  EXPECT_FALSE(matter(1.1, 0.1));
   for (int i = 0; i < 2; ++i) add_point(-1, 0.5, 7, 1);
-  EXPECT_EQ(sky_from(-1, 0.1), 0) << "no two photos agree";
+  EXPECT_FALSE(matter(-1, 0.1)) << "no two photos agree";
 }
 
-TEST_F(SkylineTest, HasNothingBehindAllPoints) {
-  for (int i = 0; i < 99; ++i) add_point(1, 0.3, 5 + 0.01 * i);
-  for (int i = 0; i < 2; ++i) add_point(2, 0.3, 90);
-  EXPECT_NEAR(sky_from(1, 0.2), 1.25 * 5.98, 1e-9) << "but for two, which may be wrong";
+TEST_F(SkylineTest, HasMatterWhereThePhotosPointsAre) {
+  for (int i = 0; i <= 100; ++i) add_point(1, 0.3, i < 2 ? 0.1 : i > 98 ? 90 : 5 + 0.01 * i);
+  ASSERT_TRUE(matter(1, 0.2));
+  EXPECT_NEAR(matter(1, 0.2)->near, 0.9 * 5.02, 1e-9) << "but for two, which may be wrong";
+  EXPECT_NEAR(matter(1, 0.2)->far, 1.25 * 5.98, 1e-9);
+  EXPECT_EQ(matter(1, -0.3)->far, kNoEnd) << "below the horizon";
   c_.scene.to_engine.scale = 0.5;
-  EXPECT_NEAR(sky_from(1, 0.2), 0.5 * 1.25 * 5.98, 1e-9) << "engine units";
+  EXPECT_NEAR(matter(1, 0.2)->far, 0.5 * 1.25 * 5.98, 1e-9) << "engine units";
 }
 
 TEST_F(SkylineTest, IsThatOfThePhotoAtEveryScale) {
@@ -257,7 +263,7 @@ TEST_F(SkylineTest, IsThatOfThePhotoAtEveryScale) {
   c_.scene.views.push_back(c_.scene.views[0]);
   c_.scene.views[1].name = "scale2/a";
   c_.scene.train.push_back(1);
-  EXPECT_GT(sky_from(1, 0.3, 1), 0);
+  EXPECT_TRUE(matter(1, 0.3, 1));
 }
 
 // The camera looks along the level, +y, from where photos see no sky below the skyline.
