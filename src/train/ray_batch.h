@@ -112,14 +112,14 @@ struct RayLines {
 struct RayBatch {
   explicit RayBatch(int max_chunks);
   // Of a sample's arrays, and those of a ray: there may be as many rays.
-  static constexpr uint64_t kBytesOfSample = (8 + 12) * sizeof(Real);
+  static constexpr uint64_t kBytesOfSample = (8 + 18) * sizeof(Real);
 
   int max_chunks;
   int chunks = 0;
   // Of samples, [chunk][kChunkSamples]: grid coordinates, [0, 1], and the interval's length.
   AlignedArray<Real> x, y, z, delta;
   // Of the samples' intervals in inverse distance, 1 - 1 / (1 + engine units from the camera):
-  // [0, 1]. For losses on weights only.
+  // [0, 1]. Only where the losses ask for them.
   AlignedArray<Real> middle, width;
   AlignedArray<int32_t> cell;  // occupancy cell: cascade * cells() + cell
   AlignedArray<Real> cell_width;
