@@ -18,20 +18,22 @@ constexpr double kHorizon = -0.15;
 // Of the horizon, in equal parts: photos that show little of it tell its parts better apart.
 size_t bins_of(const Camera& camera) {
   constexpr double kBinsAcross = 48, kWidest = 0.025, kNarrowest = 0.0025;  // radians
-  const auto left = unproject(camera, {0.5, 0.5 * camera.height});
-  const auto right = unproject(camera, {camera.width - 0.5, 0.5 * camera.height});
-  double width = kWidest;
-  if (left && right) {
-    const double cosine = dot(normalized(*left), normalized(*right));
-    width = std::acos(std::clamp(cosine, -1.0, 1.0)) / kBinsAcross;
+  const auto towards = [&](double share) {
+    return unproject(camera, {share * (camera.width - 1) + 0.5, 0.5 * camera.height});
+  };
+  double across = 0;  // in two parts, since a panorama's ends look the same way
+  for (const double share : {0.0, 0.5}) {
+    const auto left = towards(share), right = towards(share + 0.5);
+    if (!left || !right) return static_cast<size_t>(2 * std::numbers::pi / kWidest);
+    across += std::acos(std::clamp(dot(normalized(*left), normalized(*right)), -1.0, 1.0));
   }
-  return static_cast<size_t>(2 * std::numbers::pi / std::clamp(width, kNarrowest, kWidest));
+  const double width = std::clamp(across / kBinsAcross, kNarrowest, kWidest);
+  return static_cast<size_t>(2 * std::numbers::pi / width);
 }
 
 // Where so many distances lie, but for those at either end, which may be wrong.
 SampleRange reach_of(std::vector<double> distances) {
   constexpr double kWrong = 0.02, kNearer = 0.9, kFarther = 1.25;
-  if (distances.empty()) return {0, std::numeric_limits<double>::infinity()};
   const auto wrong =
       static_cast<std::ptrdiff_t>(kWrong * static_cast<double>(distances.size() - 1));
   const auto at = [&](std::ptrdiff_t i) {
@@ -86,15 +88,18 @@ Skylines::Skylines(const Scene& scene) {
       first = std::max(first, height);
     }
   }
-  for (size_t i = 0; i < lines_.size(); ++i) lines_[i].reach = reach_of(std::move(distances[i]));
+  for (size_t i = 0; i < lines_.size(); ++i)
+    if (lines_[i].points >= kEnoughPoints) lines_[i].reach = reach_of(std::move(distances[i]));
 }
 
 std::optional<SampleRange> Skylines::matter(size_t photo, const Vec3d& direction) const {
   constexpr double kMargin = 0.02;  // matter ends somewhat above its highest point
+  constexpr double kNoEnd = std::numeric_limits<double>::infinity();
+  if (!is_known(photo)) return SampleRange{0, kNoEnd};
   const Line& line = lines_[line_of_[photo]];
   if (direction.z > line.height[line.bin_of(direction)] + kMargin) return std::nullopt;
   SampleRange reach = line.reach;
-  if (direction.z <= kHorizon) reach.far = std::numeric_limits<double>::infinity();
+  if (direction.z <= kHorizon) reach.far = kNoEnd;
   return reach;
 }
 

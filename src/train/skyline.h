@@ -23,8 +23,8 @@ class Skylines {
   //   that may be wrong.
   // - Nowhere (none) above the skyline: above the horizon and the points within a few degrees to
   //   the left and right, but for one.
-  // - Without an end below the horizon, where bare ground has no points either; from 0 without an
-  //   end where the photo shows no points.
+  // - Without an end below the horizon, where bare ground has no points either.
+  // - Anywhere where the photo shows too few points to tell.
   std::optional<SampleRange> matter(size_t photo, const Vec3d& direction) const;
   // Whether the photo shows points enough to tell.
   bool is_known(size_t photo) const { return lines_[line_of_[photo]].points >= kEnoughPoints; }

@@ -222,19 +222,24 @@ class SkylineTest : public ::testing::Test {
 };
 
 TEST_F(SkylineTest, IsTheHorizonWhereNoPointIsHigher) {
-  for (const double height : {kHorizon - 0.01, kHorizon + 0.01}) {
-    ASSERT_TRUE(matter(1, height));
-    EXPECT_EQ(matter(1, height)->near, 0) << "no points";
-    EXPECT_EQ(matter(1, height)->far, kNoEnd) << "no points";
-  }
-  EXPECT_FALSE(matter(1, kHorizon + kMargin + 0.01));
-  for (const double height : {-0.5, -0.6}) add_point(1, height);
+  for (int i = 0; i < 20; ++i) add_point(1, -0.5);
   ASSERT_TRUE(matter(1, -0.3));
   EXPECT_EQ(matter(1, -0.3)->far, kNoEnd);
   EXPECT_FALSE(matter(1, kHorizon + kMargin + 0.01));
 }
 
+TEST_F(SkylineTest, IsNotKnownOfAFewPoints) {
+  for (int i = 0; i < 19; ++i) add_point(1, 0.3);
+  EXPECT_EQ(share_above_points(c_.scene, c_.photos), std::nullopt);
+  for (const double height : {-0.5, 0.5}) {
+    ASSERT_TRUE(matter(1, height));
+    EXPECT_EQ(matter(1, height)->near, 0);
+    EXPECT_EQ(matter(1, height)->far, kNoEnd);
+  }
+}
+
 TEST_F(SkylineTest, IsTheSecondHighestPointWithinAFewDegrees) {
+  for (int i = 0; i < 20; ++i) add_point(3, -0.5);
   add_point(1, 0.5);
   add_point(1.01, 0.4);
   add_point(1, 0.2);
@@ -257,8 +262,7 @@ TEST_F(SkylineTest, HasMatterWhereThePhotosPointsAre) {
 }
 
 TEST_F(SkylineTest, IsThatOfThePhotoAtEveryScale) {
-  add_point(1, 0.5);
-  add_point(1, 0.5);
+  for (int i = 0; i < 20; ++i) add_point(1, 0.5);
   c_.scene.views[0].image_path = "a.png";
   c_.scene.views.push_back(c_.scene.views[0]);
   c_.scene.views[1].name = "scale2/a";
