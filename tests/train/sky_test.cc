@@ -91,6 +91,41 @@ TEST(Sky, IsLearntAndLeavesNoMatterBeforeIt) {
   EXPECT_GT(opacity_of(without, c, pool).beside, 0.5);
 }
 
+// Points right above each camera, as far away as the sphere, leave no photo anything above them:
+// what is beside the sphere may be matter, but neither much nearer nor much farther.
+TEST(Sky, LeavesNoMatterBeforeOrBehindAllPoints) {
+  auto c = capture_before_sky();
+  constexpr int kPoints = 300;
+  const double away = test::kCameraDistance;
+  for (const int v : c.scene.train)
+    for (int i = 0; i < kPoints; ++i) {
+      const double turn = 2 * std::numbers::pi * i / kPoints;
+      const Vec3d up = normalized(Vec3d{0.02 * std::cos(turn), 0.02 * std::sin(turn), 1});
+      c.scene.observations.push_back({v, static_cast<int32_t>(c.scene.points.size())});
+      c.scene.points.push_back(
+          {c.scene.views[static_cast<size_t>(v)].pose.translation + up * away, 0.5, 2});
+    }
+  ThreadPool pool(2);
+  const auto share_elsewhere = [&](double clearing) {
+    TrainOptions options = options_with(Switch::kOn, 300);
+    options.grid_recipe.light.sky_clearing = clearing;
+    const RadianceField field = test::trained(c, options, pool);
+    RenderOptions matter;
+    matter.sky = false;
+    double elsewhere = 0, all = 0;
+    for (const int v : c.scene.test) {
+      const Frame frame = render(field, c.scene.cameras[0],
+                                 c.scene.views[static_cast<size_t>(v)].pose, matter, pool);
+      for (const Real depth : frame.depth_z)
+        elsewhere += depth > 0 && std::abs(depth / away - 1) > 0.4, ++all;
+    }
+    return elsewhere / all;
+  };
+  const double without = share_elsewhere(0);
+  EXPECT_GT(without, 0.05);
+  EXPECT_LT(share_elsewhere(0.01), 0.3 * without);
+}
+
 TEST(Sky, LeavesTheOpacityOfMatterInReports) {
   auto c = capture_before_sky(8);
   c.scene.near = 100;  // nothing is that far
