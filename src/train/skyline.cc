@@ -11,8 +11,8 @@ namespace nerf {
 
 namespace {
 
-// Sine of the elevation. Cameras that look up from one side tell little of what is level: those of
-// `liberty` are off by 10 degrees.
+// Sine of the elevation. Cameras that look up from one side tell little of what is level: by the
+// statue's own axis those of `liberty` are off by 7 degrees.
 constexpr double kHorizon = -0.15;
 
 // Of the horizon, in equal parts: photos that show little of it tell its parts better apart.
