@@ -106,4 +106,17 @@ inline SyntheticCapture sphere_capture(int views = 6, int size = 32) {
   return capture;
 }
 
+// Sparse points of the sphere, observed by the training photos that they face.
+inline void add_sphere_points(Scene& scene, int points = 200) {
+  for (int i = 0; i < points; ++i) {
+    const Vec3d out = spiral_pose(i, points).translation / kCameraDistance;
+    const auto index = static_cast<int32_t>(scene.points.size());
+    scene.points.push_back({out * kSphereRadius, 0.5, 3});
+    for (const int v : scene.train) {
+      const Vec3d& from = scene.views[static_cast<size_t>(v)].pose.translation;
+      if (dot(out, from - out * kSphereRadius) > 0.5) scene.observations.push_back({v, index});
+    }
+  }
+}
+
 }  // namespace nerf::test

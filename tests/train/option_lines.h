@@ -42,8 +42,10 @@ inline void in_fog(OptionSetting& s) {
   opaque_photos(s);
   s.options.grid_recipe.medium.medium = LearntMedium::kFog;
 }
+// Points tell where it is: above them.
 inline void before_sky(OptionSetting& s) {
   opaque_photos(s);
+  add_sphere_points(s.capture.scene);
   s.options.grid_recipe.light.sky = Switch::kOn;
 }
 // So thin that the last interval is not opaque by itself; a softplus is nowhere 0, so that one

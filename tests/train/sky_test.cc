@@ -29,16 +29,7 @@ test::SyntheticCapture capture_before_sky(int views = 24) {
   // From below, since no sky is learnt below the horizon.
   for (int v = 0; v < views; ++v)
     c.scene.views[static_cast<size_t>(v)].pose = test::spiral_pose(v, 2 * views);
-  // Points of the sphere, seen where they face a camera.
-  constexpr int kPoints = 200;
-  for (int i = 0; i < kPoints; ++i) {
-    const Vec3d out = test::spiral_pose(i, kPoints).translation / test::kCameraDistance;
-    c.scene.points.push_back({out * test::kSphereRadius, 0.5, 3});
-    for (const int v : c.scene.train) {
-      const Vec3d& from = c.scene.views[static_cast<size_t>(v)].pose.translation;
-      if (dot(out, from - out * test::kSphereRadius) > 0.5) c.scene.observations.push_back({v, i});
-    }
-  }
+  test::add_sphere_points(c.scene);
   for (size_t v = 0; v < c.scene.views.size(); ++v)
     c.photos.photos[v] = test::photo_of(c.scene.cameras[0], c.scene.views[v].pose, 3,
                                         [&](const Vec3d& origin, const Vec3d& d, double rgb[3]) {
