@@ -115,6 +115,5 @@ function(nerf_add_layer_tests layer)
       break()
     endif()
   endforeach()
-  gtest_discover_tests(test_${layer} TEST_PREFIX "${layer}." DISCOVERY_TIMEOUT 60
-                       PROPERTIES TIMEOUT 300)
+  nerf_discover_suites(test_${layer} PREFIX ${layer}. TIMEOUT 1800)
 endfunction()

@@ -51,8 +51,14 @@ void run_tutorial(const std::string& name, const testing_apps::TempFolder& folde
   const auto commands = commands_of(root / "docs/tutorials" / name);
   EXPECT_GT(commands.size(), 4u);
   for (std::string command : commands) {
-    replace(command, "--minutes 2", "--steps " + steps + " --downscale 8 --overwrite");
+    replace(command, "--minutes 2",
+            "--steps " + steps +
+                " --downscale 8 --grid-log2-entries 14 --batch-samples 8192 --overwrite");
     replace(command, "--resolution 1024", "--resolution 64");
+    replace(command, "mesh runs/demo -o runs/demo/demo.glb",
+            "mesh runs/demo -o runs/demo/demo.glb --resolution 64");
+    replace(command, "--triangles 20000", "--triangles 20000 --resolution 64");
+    replace(command, "--points 200000", "--points 2000");
     replace(command, "--frames 48", "--frames 2");
     replace(command, "--size 960x540", "--size 48x28");
     // So few frames that colmap places them in seconds.
@@ -75,7 +81,7 @@ TEST(Tutorials, DepthIntoACompositor) {
 
 TEST(Tutorials, MeshIntoBlender) {
   const testing_apps::TempFolder folder;
-  run_tutorial("mesh_into_blender.md", folder, "150");
+  run_tutorial("mesh_into_blender.md", folder, "250");
   for (const char* file : {"demo.glb", "cameras.glb", "flight/cameras_0001.png",
                            "slow/cameras_0000.png", "fine.ply", "points.ply"})
     EXPECT_TRUE(fs::exists(folder / "runs/demo" / file)) << file;
@@ -83,7 +89,7 @@ TEST(Tutorials, MeshIntoBlender) {
 
 TEST(Tutorials, ObjectIntoAScene) {
   const testing_apps::TempFolder folder;
-  run_tutorial("object_into_a_scene.md", folder, "20");
+  run_tutorial("object_into_a_scene.md", folder, "250");
   for (const char* file :
        {"with/orbit_0001.png", "at/orbit_0001.png", "sun/orbit_0001.png", "bounce/orbit_0001.png",
         "moving/orbit_0001.png", "layers/exr/orbit_0001.exr"})

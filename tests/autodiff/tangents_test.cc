@@ -57,14 +57,14 @@ TEST(Tangents, OfEncodings) {
   static const std::vector<Real> as_float(weights.begin(), weights.end());
   for (const bool identity : {false, true})
     check_tangents(
-        "tangent_encoding", 3, 2, {},
+        "tangent_encoding", {3, Domain::kSamples, true, -2, 2}, {3, Domain::kSamples, true}, {},
         [=](Tape& t, const WithTangents& x) {
           return frequency_encoding(t, x, as_float, identity);
         },
         [=](const auto& x, const auto&) {
           return on_columns::frequency_encoding(x, weights, identity);
         },
-        100);
+        100, kFewSamples);
 }
 
 // A window that is shut, opens within a frequency, has just opened one, and is open. The weights

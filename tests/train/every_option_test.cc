@@ -88,7 +88,7 @@ constexpr double kRoundings = 1e-5;
 
 class EveryOption : public ::testing::TestWithParam<std::string> {
  protected:
-  static constexpr int64_t kPlanned = 40;
+  static constexpr int64_t kPlanned = 24;
   static bool grid() { return GetParam() == kGridMethod; }
 
   static OptionSetting usual() {

@@ -44,6 +44,13 @@ class InBothPrecisions : public ::testing::TestWithParam<std::string> {
   static TrainOptions options(int64_t steps) { return test::tiny_options(GetParam(), steps); }
 };
 
+// Emulated products are slow.
+#ifdef NERF_EMULATED_BF16
+constexpr int64_t kEnough = 300;
+#else
+constexpr int64_t kEnough = 400;
+#endif
+
 // Hundreds of steps: rounding does not add up. What two trainings make of the roundings depends on
 // the method as on the seed: of twelve seeds the two precisions end 0.10 (grid), 0.36 (nerf), 0.15
 // (mipnerf) and 0.10 dB (mipnerf360) apart, one standard deviation, and the f32 trainings 0.4 dB
@@ -52,7 +59,7 @@ class InBothPrecisions : public ::testing::TestWithParam<std::string> {
 TEST_P(InBothPrecisions, TrainingsEndAlike) {
   const auto c = test::sphere_capture(24, 32);
   const bool both = other() == Precision::kBf16;
-  Trained single(c, options(600), Precision::kF32), half(c, options(600), other());
+  Trained single(c, options(kEnough), Precision::kF32), half(c, options(kEnough), other());
   const double a = single.psnr(Precision::kF32), b = half.psnr(other());
   RecordProperty("f32", std::to_string(a));
   RecordProperty("bf16", std::to_string(b));
@@ -71,7 +78,7 @@ TEST(Precision, SeedsEndAlikeInTheMean) {
   constexpr int kSeeds = 3;
   double difference = 0;
   for (uint64_t seed = 1; seed <= kSeeds; ++seed) {
-    TrainOptions o = test::tiny_options(600);
+    TrainOptions o = test::tiny_options(kEnough);
     o.seed = seed;
     const Precision other =
         resolve_precision(bf16_unit() == Bf16Unit::kNone ? Precision::kF32 : Precision::kBf16);
