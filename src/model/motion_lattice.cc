@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <thread>
 
 namespace nerf::internal {
 
@@ -28,7 +29,7 @@ int cube_of(Real x, int side, Real& within) {
 MotionLattice::MotionLattice(const GridField& field, Real time)
     : time_(time), side_(corners_along(field)) {
   const size_t n = static_cast<size_t>(side_);
-  offsets_.reset(new Real[3 * n * n * n]);
+  offsets_.reset(new Real[kStride * n * n * n]);
   states_ = std::make_unique<std::atomic<uint8_t>[]>(n * n * n);
 }
 
@@ -60,16 +61,19 @@ void LatticeMotion::forward(const Real* x, const Real* y, const Real* z, int sam
     }
   }
   if (!missing_.empty()) find_missing();
+  constexpr size_t kStride = MotionLattice::kStride;
   for (int i = 0; i < samples; ++i) {
     const Real u = within[0][i], v = within[1][i], w = within[2][i];
-    Vec3 sum;
+    Real sum[kStride] = {};
     for (int c = 0; c < 8; ++c) {
       const Real weight = (c & 1 ? u : 1 - u) * (c >> 1 & 1 ? v : 1 - v) * (c >> 2 ? w : 1 - w);
-      sum = sum + offset(cubes_[i] + steps_[c]) * weight;
+      const Real* const offset =
+          lattice_.offsets_.get() + kStride * static_cast<size_t>(cubes_[i] + steps_[c]);
+      for (size_t k = 0; k < kStride; ++k) sum[k] += offset[k] * weight;
     }
-    canonical_[0][i] = x[i] + sum.x;
-    canonical_[1][i] = y[i] + sum.y;
-    canonical_[2][i] = z[i] + sum.z;
+    canonical_[0][i] = x[i] + sum[0];
+    canonical_[1][i] = y[i] + sum[1];
+    canonical_[2][i] = z[i] + sum[2];
   }
   for (auto& row : canonical_) std::fill(row + samples, row + round_up(samples, kLane), 0.5_r);
 }
@@ -77,7 +81,8 @@ void LatticeMotion::forward(const Real* x, const Real* y, const Real* z, int sam
 void LatticeMotion::find_missing() {
   std::sort(missing_.begin(), missing_.end());
   missing_.erase(std::unique(missing_.begin(), missing_.end()), missing_.end());
-  own_offsets_.resize(missing_.size());
+  constexpr size_t kStride = MotionLattice::kStride;
+  own_offsets_.assign(kStride * missing_.size(), 0.0_r);
   const int side = lattice_.side_;
   const Real width = 1 / static_cast<Real>(side - 1);
   for (size_t first = 0; first < missing_.size(); first += kChunkSamples) {
@@ -91,7 +96,7 @@ void LatticeMotion::find_missing() {
     const int32_t ray_begin[] = {0, n};
     motion_.forward(corner_[0], corner_[1], corner_[2], n, 1, ray_begin, &lattice_.time_);
     for (int i = 0; i < n; ++i) {
-      Vec3& own = own_offsets_[first + static_cast<size_t>(i)];
+      Real* const own = own_offsets_.data() + kStride * (first + static_cast<size_t>(i));
       for (int k = 0; k < 3; ++k) own[k] = motion_.canonical(k)[i] - corner_[k][i];
     }
   }
@@ -100,22 +105,14 @@ void LatticeMotion::find_missing() {
     uint8_t unknown = MotionLattice::kUnknown;
     if (!state.compare_exchange_strong(unknown, MotionLattice::kClaimed, std::memory_order_relaxed))
       continue;
-    for (int k = 0; k < 3; ++k)
-      lattice_.offsets_[3 * static_cast<size_t>(missing_[i]) + static_cast<size_t>(k)] =
-          own_offsets_[i][k];
+    std::copy_n(own_offsets_.data() + kStride * i, kStride,
+                lattice_.offsets_.get() + kStride * static_cast<size_t>(missing_[i]));
     state.store(MotionLattice::kKnown, std::memory_order_release);
   }
-}
-
-Vec3 LatticeMotion::offset(int32_t corner) const {
-  // Another thread may be about to write what this one has found, too.
-  if (!missing_.empty()) {
-    const auto at = std::lower_bound(missing_.begin(), missing_.end(), corner);
-    if (at != missing_.end() && *at == corner)
-      return own_offsets_[static_cast<size_t>(at - missing_.begin())];
-  }
-  const Real* const offset = lattice_.offsets_.get() + 3 * static_cast<size_t>(corner);
-  return {offset[0], offset[1], offset[2]};
+  // Of what another thread has claimed, until that one has written the same numbers.
+  for (const int32_t corner : missing_)
+    while (lattice_.states_[corner].load(std::memory_order_acquire) != MotionLattice::kKnown)
+      std::this_thread::yield();
 }
 
 }  // namespace nerf::internal

@@ -29,8 +29,10 @@ class MotionLattice {
 
   Real time_;
   int side_;
-  // canonical - grid position of each corner, written by the thread that claims it: pages of the
-  // memory that no sample is near are never touched
+  // canonical - grid position of each corner, as four numbers, a register's, of which the last is
+  // 0; written by the thread that claims it: pages of the memory that no sample is near are never
+  // touched
+  static constexpr size_t kStride = 4;
   std::unique_ptr<Real[]> offsets_;
   std::unique_ptr<std::atomic<uint8_t>[]> states_;
 };
@@ -48,16 +50,15 @@ class LatticeMotion {
   const Real* canonical(int axis) const { return canonical_[axis]; }
 
  private:
-  // Finds the corners in missing_, sorted, that no thread has found yet.
+  // Finds the corners in missing_.
   void find_missing();
-  Vec3 offset(int32_t corner) const;
 
   MotionLattice& lattice_;
   MotionChunk motion_;
   int32_t steps_[8];               // from the least corner of a cube to each
   int32_t cubes_[kChunkSamples];   // the least corner of each sample's cube
-  std::vector<int32_t> missing_;   // corners
-  std::vector<Vec3> own_offsets_;  // of missing_
+  std::vector<int32_t> missing_;   // corners that no thread had found
+  std::vector<Real> own_offsets_;  // of missing_, as the lattice has them
   alignas(64) Real canonical_[3][kChunkSamples];
   alignas(64) Real corner_[3][kChunkSamples];
 };

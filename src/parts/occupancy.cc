@@ -1,7 +1,9 @@
 #include "nerf/parts/occupancy.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 
 #include "nerf/base/error.h"
 
@@ -35,6 +37,22 @@ uint64_t grow(const uint64_t* solid, int n, int bx, int by, int bz) {
     out |= (at(after[0], after[1], after[2]) & low) << (3 * kShift[i]);
   }
   return out;
+}
+
+// Bit i: whether cell i of a brick has a level above 0.
+uint64_t mask_of(const uint8_t* levels) {
+  static_assert(std::endian::native == std::endian::little);
+  constexpr uint64_t kLowest = 0x0101010101010101ull;
+  uint64_t mask = 0;
+  for (size_t first = 0; first < 64; first += 8) {
+    uint64_t eight;
+    std::memcpy(&eight, levels + first, sizeof eight);
+    if (eight == 0) continue;
+    // Any bit of a byte to its lowest, and the lowest of all bytes side by side.
+    for (const int half : {4, 2, 1}) eight |= eight >> half;
+    mask |= (eight & kLowest) * 0x0102040810204080ull >> 56 << first;
+  }
+  return mask;
 }
 }  // namespace
 
@@ -151,8 +169,8 @@ void OccupancyGrid::rebuild(Real threshold, ThreadPool* pool) {
   each_item([&](size_t, size_t first, size_t last) {
     for (size_t b = first; b < last; ++b) {
       uint8_t* levels = levels_.data() + b * 64;
-      masks_[b] = 0;
       if (off[b]) {
+        masks_[b] = 0;
         std::fill_n(levels, 64, uint8_t{0});
         continue;
       }
@@ -164,7 +182,7 @@ void OccupancyGrid::rebuild(Real threshold, ThreadPool* pool) {
         levels[i] = most >= limit && most > 0 ? level : uint8_t{0};
       }
       keep_neighbours_of_solid(b);
-      for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels[i] != 0} << i;
+      masks_[b] = mask_of(levels);
     }
   });
   measure_occupied();
@@ -184,10 +202,7 @@ void OccupancyGrid::keep_neighbours_of_solid(size_t b) {
 void OccupancyGrid::set_levels(std::span<const uint8_t> levels) {
   NERF_CHECK_EQ(levels.size(), levels_.size());
   std::copy(levels.begin(), levels.end(), levels_.begin());
-  for (size_t b = 0; b < masks_.size(); ++b) {
-    masks_[b] = 0;
-    for (size_t i = 0; i < 64; ++i) masks_[b] |= uint64_t{levels_[b * 64 + i] != 0} << i;
-  }
+  for (size_t b = 0; b < masks_.size(); ++b) masks_[b] = mask_of(levels_.data() + b * 64);
   measure_occupied();
 }
 
