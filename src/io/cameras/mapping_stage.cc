@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -26,6 +27,8 @@ constexpr int64_t kManyPhotos = 400;
 constexpr double kMappingPower = 1.5;
 // Share of the photos that stay placed where pairs of things that look alike are taken away.
 constexpr double kEnoughApart = 0.9;
+// They are tried without so many times at most: what colmap finds depends on its threads, too.
+constexpr int kRoundsApart = 2;
 
 // Below `folder`, the one with the most photos first.
 std::vector<MappedModel> models_in(const fs::path& folder) {
@@ -166,7 +169,7 @@ MappedModel map_once(const ColmapProgram& colmap, const CapturePhotos& photos,
 using VerifiedMatches = std::vector<std::pair<ImageIdPair, std::vector<FeatureMatch>>>;
 
 // Takes away what is verified of these pairs.
-VerifiedMatches take_matches(const std::vector<ImageIdPair>& pairs, FeatureDatabase& features) {
+VerifiedMatches take_matches(const std::set<ImageIdPair>& pairs, FeatureDatabase& features) {
   VerifiedMatches taken;
   features.begin();
   for (const ImageIdPair& pair : pairs) {
@@ -188,35 +191,39 @@ void put_back(const VerifiedMatches& taken, FeatureDatabase& features) {
 MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
                        const fs::path& database, const fs::path& folder, const MapSettings& map,
                        const Tell& tell) {
-  const MappedModel model = map_once(colmap, photos, database, folder, map, tell);
-  if (model.photos == 0) return model;
+  MappedModel best = map_once(colmap, photos, database, folder, map, tell);
+  if (best.photos == 0) return best;
   FeatureDatabase features(database);
-  const ModelCheck check = check_model(model.folder, features);
-  if (check.misleading.empty()) return model;
-  if (tell) {
+  ModelCheck check = check_model(best.folder, features);
+  int contradicted = check.contradicted;  // of the best
+  const double enough = kEnoughApart * static_cast<double>(best.photos);
+  std::set<ImageIdPair> misleading, misled_before_best;
+  for (int round = 1; round <= kRoundsApart && !check.misleading.empty(); ++round) {
+    misleading.insert(check.misleading.begin(), check.misleading.end());
+    if (tell)
+      tell(
+          fmt::format("colmap: {} photos do not stand where the photos closest to them say; "
+                      "placing all again without {} pairs that show what looks alike",
+                      check.contradicted, misleading.size()));
+    const VerifiedMatches taken = take_matches(misleading, features);
+    const MappedModel apart = map_once(
+        colmap, photos, database, fs::path(folder) += fmt::format("_apart_{}", round), map, tell);
+    put_back(taken, features);  // all models are judged by all pairs
+    check = apart.photos > 0 ? check_model(apart.folder, features) : ModelCheck();
+    if (static_cast<double>(apart.photos) < enough) break;
+    if (check.contradicted < contradicted) {
+      best = apart;
+      contradicted = check.contradicted;
+      misled_before_best = misleading;
+    }
+  }
+  take_matches(misled_before_best, features);  // for what may be tried next
+  if (contradicted > 0 && !misleading.empty() && tell)
     tell(
-        fmt::format("colmap: {} photos do not stand where the photos closest to them say; placing "
-                    "all again without {} pairs that show what looks alike",
-                    check.contradicted, check.misleading.size()));
-  }
-  const VerifiedMatches taken = take_matches(check.misleading, features);
-  const MappedModel apart =
-      map_once(colmap, photos, database, fs::path(folder) += "_apart", map, tell);
-  put_back(taken, features);  // both models are judged by all pairs
-  const bool better =
-      static_cast<double>(apart.photos) >= kEnoughApart * static_cast<double>(model.photos) &&
-      check_model(apart.folder, features).contradicted < check.contradicted;
-  if (better) {
-    take_matches(check.misleading, features);  // for what may be tried next
-    return apart;
-  }
-  if (tell) {
-    tell(
-        fmt::format("colmap: that was no better; {} photos may stand in wrong places, where things "
-                    "look alike (photos that show more of their surroundings would help)",
-                    check.contradicted));
-  }
-  return model;
+        fmt::format("colmap: {} photos may stand in wrong places, where things look alike (photos "
+                    "that show more of their surroundings would help)",
+                    contradicted));
+  return best;
 }
 
 }  // namespace nerf::internal

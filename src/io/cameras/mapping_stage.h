@@ -26,9 +26,9 @@ struct MapSettings {
 
 // Models go to folders below `folder`, which is emptied first; where there are several that do not
 // join, the largest counts, and a line says what it leaves out. Where close pairs of photos
-// contradict the model (lookalikes.h), photos are mapped once more without the pairs that misled
-// it, below a folder beside that one, and the better model counts; of the database, what is
-// verified of those pairs is then gone.
+// contradict the model (lookalikes.h), photos are mapped again without the pairs that misled it,
+// below a folder beside that one, and once more where that is misled as well. The best model
+// counts; of the database, what is verified of the pairs that it did without is then gone.
 MappedModel map_photos(const ColmapProgram& colmap, const CapturePhotos& photos,
                        const std::filesystem::path& database, const std::filesystem::path& folder,
                        const MapSettings& map, const Tell& tell);
